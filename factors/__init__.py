@@ -1,0 +1,1 @@
+"""GTSAM factors of bearing-only geometry, for any GTSAM user."""

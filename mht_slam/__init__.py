@@ -1,0 +1,67 @@
+"""Mapping and localisation from bearings only, when all landmarks look the same.
+
+The public names live here and are imported when first used, so that ``import mht_slam`` stays
+light: no GTSAM, shapely or matplotlib before something needs it.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mht_slam.association import Association as Association
+    from mht_slam.comparison import Comparison as Comparison
+    from mht_slam.comparison import compare as compare
+    from mht_slam.graph.refine import refine as refine
+    from mht_slam.hypotheses import Hypothesis as Hypothesis
+    from mht_slam.hypotheses import Posterior as Posterior
+    from mht_slam.hypotheses import RankedAssociation as RankedAssociation
+    from mht_slam.hypotheses import Ranking as Ranking
+    from mht_slam.measurements import BearingScan as BearingScan
+    from mht_slam.measurements import Odometry as Odometry
+    from mht_slam.measurements import RunPair as RunPair
+    from mht_slam.measurements import StraightRun as StraightRun
+    from mht_slam.models import ObservationModel as ObservationModel
+    from mht_slam.pipeline import Solution as Solution
+    from mht_slam.pipeline import solve as solve
+    from mht_slam.polygon.ranking import rank as rank
+
+_HOME = {
+    "Association": "association",
+    "BearingScan": "measurements",
+    "Comparison": "comparison",
+    "Hypothesis": "hypotheses",
+    "ObservationModel": "models",
+    "Odometry": "measurements",
+    "Posterior": "hypotheses",
+    "RankedAssociation": "hypotheses",
+    "Ranking": "hypotheses",
+    "RunPair": "measurements",
+    "Solution": "pipeline",
+    "StraightRun": "measurements",
+    "compare": "comparison",
+    "rank": "polygon.ranking",
+    "refine": "graph.refine",
+    "solve": "pipeline",
+}
+
+__all__ = sorted(_HOME)
+
+try:
+    __version__ = version("mht-slam")
+except PackageNotFoundError:  # a source tree that was never installed
+    __version__ = "0+unknown"
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'mht_slam' has no attribute {name!r}")
+    value = getattr(import_module(f"mht_slam.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOME])

@@ -1,0 +1,1 @@
+"""Readers of public recordings and of our own scan files."""

@@ -1,0 +1,41 @@
+"""Every exception the library raises on purpose, in one tree.
+
+Each is a subclass of `MhtSlamError` and of the built-in that fits, so both
+``except MhtSlamError`` and ``except ValueError`` do what a reader expects.
+"""
+
+
+class MhtSlamError(Exception):
+    """Base of every error that mht-slam raises on purpose."""
+
+
+class MeasurementError(MhtSlamError, ValueError):
+    """A scan, odometry step or run that cannot be a measurement."""
+
+
+class AssociationError(MhtSlamError, ValueError):
+    """A table that is not a partition of the detections."""
+
+
+class OptionError(MhtSlamError, ValueError):
+    """An option of a call, or a field of a model, that makes no sense."""
+
+
+class TooFewLandmarksError(MhtSlamError, ValueError):
+    """Fewer than three landmarks: a frame attached to two leaves nothing to compare."""
+
+
+class UnequalScansError(MhtSlamError, ValueError):
+    """Scans of different length where every landmark must be seen in every scan."""
+
+
+class ScanFileError(MhtSlamError, ValueError):
+    """A scan file that is malformed; the message names file, line and field."""
+
+
+class RecordingError(MhtSlamError, ValueError):
+    """A public recording that does not have the format its reader expects."""
+
+
+class RecordingNotFoundError(MhtSlamError, FileNotFoundError):
+    """A recording that is not where it was looked for."""

@@ -1,0 +1,1 @@
+"""From an association to a GTSAM graph, its estimate, likelihood and Laplace evidence."""

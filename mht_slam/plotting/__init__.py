@@ -1,0 +1,1 @@
+"""Matplotlib figures of cells, maps and comparisons."""

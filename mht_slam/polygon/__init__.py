@@ -1,0 +1,1 @@
+"""The paper's section 3: cones, cells, the landmark frame, intersection ratios, rankings."""

@@ -1,0 +1,1 @@
+"""Worlds, trajectories and sensors: scenes whose true association is known."""
