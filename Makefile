@@ -1,0 +1,70 @@
+# Every target builds the environment it needs first, so each works alone on a fresh clone.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed-from-lock
+PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip
+JOBS ?= 2
+
+# One thread per process: the matrices are tiny, and threads of parallel workers fight for cores.
+export OPENBLAS_NUM_THREADS := 1
+export OMP_NUM_THREADS := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help venv demo test lint format types docs wheel-check bench-three-scans lock clean
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+venv: $(STAMP) ## build .venv from requirements.lock, with the project installed editable
+
+$(STAMP): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))' || { \
+	  echo "mht-slam needs CPython 3.11 to 3.14, for which GTSAM has wheels; name one with: make PYTHON=python3.11" >&2; \
+	  exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(PIP) install --quiet --require-hashes -r requirements.lock
+	$(PIP) install --quiet --no-deps --no-build-isolation -e .
+	@touch $@
+
+demo: $(STAMP) ## the paper's scene from bearings to compared hypotheses: a table and figures
+	$(BIN)/mht-slam demo
+
+test: $(STAMP) ## every test and every example in the docstrings
+	MPLBACKEND=Agg $(BIN)/python -m pytest -n $(JOBS)
+
+lint: $(STAMP) ## ruff: rules and formatting
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: $(STAMP) ## let ruff repair what it can
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# mypy knows nothing of `package-dir`, so it is shown the layout of the installed package.
+types: $(STAMP) ## mypy --strict on the package as it is installed
+	rm -rf build/typed && mkdir -p build/typed/mht_slam
+	ln -s $(CURDIR)/mht_slam/* build/typed/mht_slam/
+	ln -s $(CURDIR)/factors build/typed/mht_slam/factors
+	cd build/typed && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/pyproject.toml \
+	  --cache-dir $(CURDIR)/.mypy_cache/typed
+
+docs: $(STAMP) ## links resolve inside the repository, examples run
+	MPLBACKEND=Agg $(BIN)/python -m pytest tests/test_docs.py mht_slam factors README.md docs \
+	  --doctest-glob='*.md'
+
+wheel-check: $(STAMP) ## build a wheel, install it elsewhere, import and type-check it from there
+	PYTHON=$(PYTHON) PIP_DISABLE_PIP_VERSION_CHECK=1 bash .ci/wheel-check
+
+bench-three-scans: $(STAMP) ## associations of three scans on real segments (needs the recordings)
+	$(BIN)/python benchmarks/recordings/three_scans.py
+
+lock: $(STAMP) ## resolve requirements.lock anew
+	$(PIP) install --quiet uv
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --extra dev --generate-hashes \
+	  --no-emit-index-url --custom-compile-command "make lock" --upgrade \
+	  --output-file requirements.lock pyproject.toml
+
+clean: ## remove the environment, builds and caches
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
