@@ -31,13 +31,16 @@ def finite_array(
     except ValueError as cause:  # ragged nesting
         raise error(f"{name} is not a rectangular array of numbers: {remedy}") from cause
     if raw.dtype.kind not in "iuf" and raw.size:
+        entries = np.asarray(value, dtype=object)
+        for index in np.ndindex(entries.shape):
+            if not _is_real(entries[index]):
+                raise error(f"{_place(name, index)} is {entries[index]!r}, no number: {remedy}")
         raise error(f"{name} holds {raw.dtype} values where numbers are needed: {remedy}")
     array = np.array(raw, dtype=np.float64)
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
-        index = ", ".join(str(i) for i in bad[0])
-        place = f"{name}[{index}]" if array.ndim else name
-        raise error(f"{place} is {array[tuple(bad[0])]}: {remedy}")
+        index = tuple(bad[0].tolist())
+        raise error(f"{_place(name, index)} is {array[index]}: {remedy}")
     return freeze(array)
 
 
@@ -83,3 +86,11 @@ def whole_number(
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < at_least:
         raise error(f"{name} is {value!r}: give a whole number of at least {at_least}")
     return int(value)
+
+
+def _is_real(entry: object) -> bool:
+    return isinstance(entry, (int, float, np.integer, np.floating)) and not isinstance(entry, bool)
+
+
+def _place(name: str, index: tuple[int, ...]) -> str:
+    return f"{name}[{', '.join(map(str, index))}]" if index else name

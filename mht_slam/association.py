@@ -123,7 +123,15 @@ class Association:
         return np.concatenate([np.empty(0, np.int64), *self.landmark_of_detection()])
 
     def restrict(self, scans: Sequence[int]) -> Association:
-        """Return what the association says of the scans with these indices, in this order."""
+        """Return what the association says of the scans with these indices, in this order.
+
+        Raises `AssociationError` for an index that does not exist.
+        """
+        for scan in scans:
+            if not 0 <= scan < self.n_scans:
+                raise AssociationError(
+                    f"scans names scan {scan}: the association has scans 0 to {self.n_scans - 1}"
+                )
         columns = self._table[:, list(scans)]
         seen = columns[(columns != MISSED).any(axis=1)]
         return Association(seen, [self._n_detections[scan] for scan in scans])
@@ -255,9 +263,8 @@ def _validated_table(table: npt.ArrayLike, n_detections: tuple[int, ...]) -> Int
         )
     if raw.dtype.kind not in "iu":
         raise AssociationError(f"table holds {raw.dtype} values: give whole numbers, -1 for missed")
-    entries = raw.astype(np.int64)
     for scan, count in enumerate(n_detections):
-        column = entries[:, scan]
+        column = raw[:, scan]
         outside = np.flatnonzero((column < MISSED) | (column >= count))
         if len(outside):
             raise AssociationError(
@@ -270,6 +277,7 @@ def _validated_table(table: npt.ArrayLike, n_detections: tuple[int, ...]) -> Int
                 f"table uses detection {used[times > 1][0]} of scan {scan} "
                 "more than once: a detection belongs to one landmark"
             )
+    entries = raw.astype(np.int64)
     empty = np.flatnonzero((entries == MISSED).all(axis=1))
     if len(empty):
         raise AssociationError(f"table[{empty[0]}] lists no detection: leave such rows out")

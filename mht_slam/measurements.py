@@ -7,6 +7,7 @@ which detection is which landmark; that is `mht_slam.association`.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -80,6 +81,9 @@ class Odometry:
 
     def __hash__(self) -> int:
         return hash((self.dx, self.dy, self.dtheta))
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        _restore(self, state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +166,11 @@ class BearingScan:
         )
 
     def __hash__(self) -> int:
-        return hash((self.bearings.tobytes(), self.time, self.labels))
+        # Adding zero turns -0.0, which equals 0.0, into the same bytes.
+        return hash(((self.bearings + 0.0).tobytes(), self.time, self.labels))
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        _restore(self, state)
 
 
 @dataclass(frozen=True)
@@ -247,8 +255,8 @@ def scan_selection(
 ) -> tuple[int, ...]:
     """Validate increasing scan indices of a run of `n_scans`; `exactly` fixes their number."""
     try:
-        chosen = tuple(int(i) for i in scans)
-    except (TypeError, ValueError):
+        chosen = tuple(operator.index(i) for i in scans)
+    except TypeError:
         raise MeasurementError(f"scans is {scans!r}: give scan indices") from None
     if exactly is not None and len(chosen) != exactly:
         raise MeasurementError(f"scans has {len(chosen)} indices: give {exactly}")
@@ -290,7 +298,12 @@ def _sigmas(sigma: npt.ArrayLike, n: int) -> FloatArray:
 def _labels(labels: Sequence[str | None], n: int) -> tuple[str | None, ...]:
     if isinstance(labels, str):
         raise MeasurementError("labels is one string: give one label, or None, per detection")
-    members = tuple(labels)
+    try:
+        members = tuple(labels)
+    except TypeError:
+        raise MeasurementError(
+            f"labels is {labels!r}: give one label, or None, per detection"
+        ) from None
     if len(members) != n:
         raise MeasurementError(f"labels has {len(members)} entries for {n} detections")
     for i, label in enumerate(members):
@@ -318,6 +331,12 @@ def _covariance(covariance: npt.ArrayLike) -> FloatArray:
     if np.linalg.eigvalsh(matrix)[0] <= 0.0:
         raise MeasurementError("odometry covariance is not positive definite")
     return freeze(matrix)
+
+
+def _restore(value: object, state: dict[str, object]) -> None:
+    """Set the fields of a copied or unpickled value, whose arrays numpy made writeable."""
+    for name, entry in state.items():
+        object.__setattr__(value, name, freeze(entry) if isinstance(entry, np.ndarray) else entry)
 
 
 def _same_array(a: FloatArray | None, b: FloatArray | None) -> bool:
