@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,9 +81,23 @@ def compare(ranking: Ranking, posterior: Posterior, truth: Association | None = 
             and posterior[0].failure is None
             and ranking[0].association == posterior[0].association
         ),
-        truth_polygon_rank=_rank_of(truth, [h.association for h in ranking]),
-        truth_evidence_rank=_rank_of(truth, [h.association for h in posterior]),
+        truth_polygon_rank=rank_of_truth([h.association for h in ranking], truth),
+        truth_evidence_rank=rank_of_truth([h.association for h in posterior], truth),
     )
+
+
+def rank_of_truth(associations: Iterable[Association], truth: Association | None) -> int | None:
+    """Rank, from 1, of the first association with the truth's pairs of detections.
+
+    None where none has them, or no truth is given. Raises `AssociationError` for associations of
+    other scans.
+    """
+    if truth is None:
+        return None
+    for rank, association in enumerate(associations, start=1):
+        if association.exact(truth):
+            return rank
+    return None
 
 
 def _kendall_tau(rows: tuple[ComparisonRow, ...]) -> float | None:
@@ -96,13 +111,3 @@ def _kendall_tau(rows: tuple[ComparisonRow, ...]) -> float | None:
     polygon, evidence = np.array(scored).T
     tau = float(kendalltau(polygon, evidence).statistic)
     return tau if np.isfinite(tau) else None
-
-
-def _rank_of(truth: Association | None, associations: list[Association]) -> int | None:
-    """Rank of the first association with the truth's pairs of detections."""
-    if truth is None:
-        return None
-    for rank, association in enumerate(associations, start=1):
-        if association.exact(truth):
-            return rank
-    return None
