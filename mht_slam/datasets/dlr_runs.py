@@ -51,7 +51,8 @@ def three_scan_runs(recording: DlrRecording, kind: str = "strict") -> list[Label
     """Return the run of the first, middle and last scan of every segment of this kind.
 
     Its landmarks are those labelled in all three scans, as many as there are, none chosen; runs
-    of fewer than three are left out, since two carry the frame and leave nothing to compare. Raises `OptionError` for a kind the recording does not have.
+    of fewer than three are left out, since two carry the frame and leave nothing to compare. Raises
+    `OptionError` for a kind the recording does not have.
     """
     chosen = [segment for segment in recording.segments if segment.kind == kind]
     if not chosen:
