@@ -118,14 +118,12 @@ class Sensor:
 
     def _hidden(self, bearings: FloatArray, ranges: FloatArray) -> BoolArray:
         """Which landmarks lie behind the disc of a nearer one."""
-        inside_disc = ranges <= self.landmark_radius
-        half_width = np.arcsin(
-            np.divide(self.landmark_radius, ranges, out=np.ones_like(ranges), where=~inside_disc)
-        )
-        apart = np.abs(wrap_angle(bearings[:, None] - bearings))
-        covers = (ranges[:, None] > ranges) & (apart < half_width)
         if self.landmark_radius == 0.0:
             return np.zeros(len(ranges), dtype=np.bool_)
+        # Seen from inside its disc, a landmark covers half of the circle.
+        half_width = np.arcsin(self.landmark_radius / np.maximum(ranges, self.landmark_radius))
+        apart = np.abs(wrap_angle(bearings[:, None] - bearings))
+        covers = (ranges[:, None] > ranges) & (apart < half_width)
         return np.asarray(covers.any(axis=1), dtype=np.bool_)
 
     def _draw_noise(self, n: int, rng: np.random.Generator) -> FloatArray:
