@@ -343,6 +343,16 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path, monkeypat
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_file_is_replaced_as_a_whole_and_never_written_over(tmp_path):
+    path, old = tmp_path / "scans.jsonl", tmp_path / "old.jsonl"
+    write_scans(path, [BearingScan([0.1])])
+    before = path.read_bytes()
+    os.link(path, old)
+    write_scans(path, [BearingScan([0.2])])
+    assert old.read_bytes() == before
+    assert path.read_bytes() != before
+
+
 def test_writing_into_a_folder_that_is_none_is_named():
     with pytest.raises(ScanFileError, match="cannot be written"):
         write_scans(Path("absent-folder", "scans.jsonl"), [BearingScan([0.1])])
