@@ -226,6 +226,29 @@ def test_a_full_table_of_two_scans_respects_labels_exactly_when_all_its_pairs_ar
         assert by_pairs == respects_labels(table, [first, second])
 
 
+def tables_of_two_scans(n: int) -> Iterator[Association]:
+    """Every way to pair some detections of two scans and leave the others landmarks seen once."""
+    for matched in itertools.product(range(-1, n), repeat=n):
+        chosen = [j for j in matched if j != -1]
+        if len(set(chosen)) == len(chosen):
+            rows = [[i, j] for i, j in enumerate(matched)]
+            yield Association([*rows, *([-1, j] for j in range(n) if j not in chosen)], (n, n))
+
+
+@given(LABELS, LABELS)
+def test_a_pair_is_allowed_exactly_when_some_association_of_the_two_scans_has_it(
+    first_labels: list[str | None], second_labels: list[str | None]
+) -> None:
+    scans = [BearingScan([0.1, 0.2, 0.3], labels=names) for names in (first_labels, second_labels)]
+    possible = np.zeros((3, 3), dtype=bool)
+    for association in tables_of_two_scans(3):
+        if respects_labels(association, scans):
+            for i, j in association.table.tolist():
+                if i != -1 and j != -1:
+                    possible[i, j] = True
+    assert np.array_equal(allowed_pairs(*scans), possible)
+
+
 def test_without_labels_everything_is_allowed() -> None:
     first, second = BearingScan([0.1, 0.2]), BearingScan([0.3, 0.4, 0.5])
     assert allowed_pairs(first, second).shape == (2, 3)
