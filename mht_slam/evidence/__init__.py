@@ -1,0 +1,1 @@
+"""Evidence by integration: what Laplace's approximation is held against."""

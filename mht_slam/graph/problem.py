@@ -1,0 +1,107 @@
+"""The measured side of a factor graph: bearings, their noise, and the model they come with."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mht_slam.arrays import BoolArray, FloatArray, IntArray, finite_number, freeze
+from mht_slam.association import MISSED
+from mht_slam.measurements import BearingScan, RunPair, StraightRun
+from mht_slam.models import ObservationModel
+
+ZERO_SIGMA = 1e-4
+"""What a heading or lateral sigma of zero means in the graph: radians, baselines.
+
+Loose enough for the linear algebra, tight enough that no evidence notices (docs/method.md, 4).
+"""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Scans to solve together, with everything assumed about them.
+
+    Attributes
+    ----------
+    scans : m scans.
+    sigmas : for each scan the (n_detections,) standard deviations of its bearings, radians.
+    model : lengths in the problem's unit.
+    baseline : |O1 O2| in the problem's unit.
+    second_run : index of the first scan of a second straight run, or None.
+    """
+
+    scans: tuple[BearingScan, ...]
+    sigmas: tuple[FloatArray, ...]
+    model: ObservationModel
+    baseline: float = 1.0
+    second_run: int | None = None
+
+    @property
+    def heading_sigma(self) -> float:
+        """Standard deviation of a heading in the graph, radians; never zero."""
+        return max(self.model.heading_sigma, ZERO_SIGMA)
+
+    @property
+    def lateral_sigma(self) -> float:
+        """Deviation of scans 3 and later from the line; never zero."""
+        return max(self.model.lateral_sigma, ZERO_SIGMA * self.baseline)
+
+    @property
+    def free_steps(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of consecutive scans of one run whose distance is unknown."""
+        m = len(self.scans)
+        return tuple((k, k + 1) for k in range(1, m - 1) if k + 1 != self.second_run)
+
+    def sightings(self, table: IntArray) -> Sightings:
+        """Return the bearings of an (n, m) association table, row by row."""
+        seen = table != MISSED
+        bearings = np.zeros(table.shape)
+        sigmas = np.ones(table.shape)
+        for k, (scan, sigma) in enumerate(zip(self.scans, self.sigmas, strict=True)):
+            rows = seen[:, k]
+            bearings[rows, k] = scan.bearings[table[rows, k]]
+            sigmas[rows, k] = sigma[table[rows, k]]
+        return Sightings(bearings, sigmas, seen)
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """Bearings by landmark and scan, all (n, m); entries where `seen` is False mean nothing."""
+
+    bearings: FloatArray
+    sigmas: FloatArray
+    seen: BoolArray
+
+
+def make_problem(
+    run: StraightRun | RunPair,
+    scans: tuple[int, ...],
+    model: ObservationModel,
+    scale: float | None = None,
+) -> Problem:
+    """Select scans of a run and bring the model into the problem's unit.
+
+    `scale` is the length of the first baseline in metres; without it the unit is the baseline.
+    Raises `OptionError` unless it is a positive number.
+    """
+    chosen = tuple(run.scans[i] for i in scans)
+    baseline = 1.0 if scale is None else finite_number(scale, "scale", above=0.0)
+    in_unit = replace(
+        model,
+        lateral_sigma=model.lateral_sigma * baseline,
+        landmark_sigma=model.landmark_sigma * baseline,
+        landmark_centre=(model.landmark_centre[0] * baseline, model.landmark_centre[1] * baseline),
+        log_step_mean=model.log_step_mean + math.log(baseline),
+    )
+    return Problem(
+        scans=chosen,
+        sigmas=tuple(
+            freeze(np.full(len(scan), model.sigma)) if scan.sigma is None else scan.sigma
+            for scan in chosen
+        ),
+        model=in_unit,
+        baseline=baseline,
+        second_run=2 if isinstance(run, RunPair) else None,
+    )

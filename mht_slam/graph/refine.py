@@ -1,0 +1,270 @@
+"""`refine`: every candidate association becomes a solved graph; together they are a posterior."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Executor
+from dataclasses import replace
+from functools import partial
+from typing import Any, TypeAlias, get_args
+
+import numpy as np
+from scipy.special import logsumexp
+
+from mht_slam.arrays import freeze
+from mht_slam.association import MISSED, Association, respects_labels
+from mht_slam.errors import AssociationError, OptionError
+from mht_slam.graph.build import build_graph, graph_keys, make_values
+from mht_slam.graph.problem import Problem, make_problem
+from mht_slam.graph.solve import Estimate, EvidenceMethod, UnsolvedError, solve_association
+from mht_slam.hypotheses import Hypothesis, Posterior, RankedAssociation, Ranking
+from mht_slam.measurements import RunPair, StraightRun
+from mht_slam.models import ObservationModel
+from mht_slam.progress import Progress
+
+Candidates: TypeAlias = Ranking | Iterable[Association | RankedAssociation | Hypothesis]
+
+CHUNK = 16
+"""Candidates sent to a worker at a time."""
+
+
+def refine(
+    run: StraightRun | RunPair,
+    candidates: Candidates,
+    *,
+    sigma: float | None = None,
+    heading_sigma: float = 0.0,
+    lateral_sigma: float = 0.0,
+    model: ObservationModel | None = None,
+    evidence: EvidenceMethod = "marginal",
+    scale: float | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> Posterior:
+    """Solve the factor graph of every candidate and weigh the candidates by their evidence.
+
+    Parameters
+    ----------
+    run : the scans. Frame of the result: O1 at the origin, O2 at (1, 0); for a `RunPair` the
+        frame of its first run.
+    candidates : a `Ranking` (its scans are used), or associations over all scans of the run. A
+        candidate given twice counts once.
+    sigma : standard deviation of a bearing, radians; a scan's own sigmas go before it.
+    heading_sigma : deviation of each heading from the direction of travel, radians.
+    lateral_sigma : deviation of scans 3 and later from the line, baselines.
+    model : everything assumed. `sigma`, `heading_sigma` and `lateral_sigma`, where given, replace
+        its fields. Without a model the rest of `ObservationModel` has its defaults.
+    evidence : how the evidence integral is taken about the graph's optimum. "marginal" integrates
+        every landmark exactly and the poses by Laplace (a single unknown step by a sum);
+        "laplace" is Laplace's approximation over everything, from GTSAM's Hessian, and is also
+        what hypotheses with a residual beyond six sigma get.
+    scale : length of the first baseline in metres, if known; the result is then in metres.
+    executor : any `concurrent.futures.Executor`; None works in this process. The result does not
+        depend on it.
+    progress : called as ``progress(done, total)``.
+
+    Returns
+    -------
+    The posterior. A candidate that cannot be solved stays in it with log evidence -inf,
+    probability 0 and its `failure`.
+
+    Raises `OptionError` where no sigma is known, or where candidates differ in the numbers of
+    landmarks, misses or false alarms and the model does not say what those cost;
+    `AssociationError` for a candidate that is not over the run's scans.
+
+    Source: docs/method.md, section 4.
+
+    >>> import numpy as np
+    >>> from mht_slam import Association, BearingScan, StraightRun
+    >>> bearings = [[45.0, 27.0, -34.0, -63.0], [90.0, 45.0, -53.0, -104.0],
+    ...             [153.0, 90.0, -90.0, -146.0]]
+    >>> run = StraightRun([BearingScan(np.deg2rad(b)) for b in bearings])
+    >>> keep = Association([[0, 0, 0], [1, 1, 1], [2, 2, 2], [3, 3, 3]], (4, 4, 4))
+    >>> swap = Association([[0, 0, 0], [1, 1, 1], [2, 2, 3], [3, 3, 2]], (4, 4, 4))
+    >>> posterior = refine(run, [swap, keep], sigma=np.deg2rad(1.0))
+    >>> posterior[0].association == keep, posterior[0].probability > 0.99
+    (True, True)
+    """
+    scans, pairs = _distinct(run, candidates)
+    if evidence not in get_args(EvidenceMethod):
+        raise OptionError(f"evidence is {evidence!r}: give one of {get_args(EvidenceMethod)}")
+    full_model = _model(run, scans, sigma, heading_sigma, lateral_sigma, model)
+    _check_sizes([association for association, _ in pairs], full_model)
+    problem = make_problem(run, scans, full_model, scale)
+    hypotheses = list(_hypotheses(problem, pairs, evidence, executor, progress))
+    return Posterior(
+        hypotheses=_with_probabilities(hypotheses),
+        scans=scans,
+        model=full_model,
+        unit="baseline" if scale is None else "metre",
+    )
+
+
+def _distinct(
+    run: StraightRun | RunPair, candidates: Candidates
+) -> tuple[tuple[int, ...], list[tuple[Association, float | None]]]:
+    """Scan indices, and every different candidate with its polygon score."""
+    scans = candidates.scans if isinstance(candidates, Ranking) else tuple(range(len(run)))
+    expected = tuple(run.n_detections[i] for i in scans)
+    scores: dict[Association, float | None] = {}
+    for i, candidate in enumerate(candidates):
+        if isinstance(candidate, Association):
+            association, score = candidate, None
+        elif isinstance(candidate, RankedAssociation | Hypothesis):
+            association, score = candidate.association, candidate.score
+        else:
+            raise AssociationError(
+                f"candidates[{i}] is {type(candidate).__name__}: give a Ranking or associations"
+            )
+        if association.n_detections != expected:
+            raise AssociationError(
+                f"candidates[{i}] is over scans with {association.n_detections} detections, the "
+                f"run has {expected}: give associations over the run's scans"
+            )
+        scores.setdefault(association, score)
+    return scans, list(scores.items())
+
+
+def _model(
+    run: StraightRun | RunPair,
+    scans: tuple[int, ...],
+    sigma: float | None,
+    heading_sigma: float,
+    lateral_sigma: float,
+    model: ObservationModel | None,
+) -> ObservationModel:
+    if model is None:
+        if sigma is None:
+            own = [run.scans[i].sigma for i in scans]
+            stated = [s for s in own if s is not None and len(s)]
+            if len(stated) < len(scans):
+                raise OptionError(
+                    "sigma is not known: give sigma= in radians, a model, or a sigma to every scan"
+                )
+            sigma = float(np.median(np.concatenate(stated)))
+        return ObservationModel(
+            sigma=sigma, heading_sigma=heading_sigma, lateral_sigma=lateral_sigma
+        )
+    changes: dict[str, Any] = {}
+    if sigma is not None:
+        changes["sigma"] = sigma
+    if heading_sigma:
+        changes["heading_sigma"] = heading_sigma
+    if lateral_sigma:
+        changes["lateral_sigma"] = lateral_sigma
+    return replace(model, **changes)
+
+
+def _check_sizes(associations: list[Association], model: ObservationModel) -> None:
+    if model.compares_sizes:
+        return
+    sizes = {(a.n_landmarks, a.n_missed, len(a.false_alarms)) for a in associations}
+    if len(sizes) > 1:
+        raise OptionError(
+            "the candidates differ in their numbers of landmarks, misses or false alarms: give a "
+            "model with detection_probability, false_alarm_rate and expected_landmarks"
+        )
+
+
+def _hypotheses(
+    problem: Problem,
+    pairs: list[tuple[Association, float | None]],
+    evidence: EvidenceMethod,
+    executor: Executor | None,
+    progress: Progress | None,
+) -> Iterator[Hypothesis]:
+    """Solve the candidates in their order, in chunks where an executor does the work."""
+    if executor is None:
+        batches: Iterable[list[Hypothesis]] = (
+            [_solve_one(problem, evidence, *pair)] for pair in pairs
+        )
+    else:
+        chunks = [pairs[i : i + CHUNK] for i in range(0, len(pairs), CHUNK)]
+        batches = executor.map(partial(_solve_chunk, problem, evidence), chunks)
+    done = 0
+    for batch in batches:
+        yield from batch
+        done += len(batch)
+        if progress is not None:
+            progress(done, len(pairs))
+
+
+def _solve_chunk(
+    problem: Problem, evidence: EvidenceMethod, pairs: list[tuple[Association, float | None]]
+) -> list[Hypothesis]:
+    return [_solve_one(problem, evidence, *pair) for pair in pairs]
+
+
+def _solve_one(
+    problem: Problem, evidence: EvidenceMethod, association: Association, score: float | None
+) -> Hypothesis:
+    failed = partial(Hypothesis, association, score, -math.inf, -math.inf, 0.0)
+    if not respects_labels(association, problem.scans):
+        return failed("it contradicts the detections' labels")
+    weight = _size_weight(association, problem.model)
+    if weight == -math.inf:
+        return failed("the model rules out its misses or false alarms")
+    try:
+        estimate = solve_association(problem, association.table, evidence)
+    except UnsolvedError as cause:
+        return failed(str(cause))
+    return Hypothesis(
+        association=association,
+        score=score,
+        log_likelihood=estimate.log_likelihood + _false_alarm_term(association, problem.model),
+        log_evidence=estimate.log_evidence + weight,
+        probability=0.0,
+        poses=freeze(estimate.poses),
+        landmarks=freeze(estimate.landmarks),
+        landmark_covariances=freeze(estimate.landmark_covariances),
+        pose_covariances=freeze(estimate.pose_covariances),
+        ranged=freeze((association.table != MISSED).sum(axis=1) >= 2),
+        _build_graph=partial(_to_gtsam, problem, association, estimate),
+    )
+
+
+def _size_weight(association: Association, model: ObservationModel) -> float:
+    """Log weight of landmarks, detections, misses and false alarms; 0 where not modelled."""
+    if not model.compares_sizes:
+        return 0.0
+    assert model.detection_probability is not None  # noqa: S101 - narrows the type
+    assert model.expected_landmarks is not None  # noqa: S101 - narrows the type
+    n_seen = association.table.size - association.n_missed
+    return (
+        association.n_landmarks * math.log(model.expected_landmarks)
+        + n_seen * math.log(model.detection_probability)
+        + _times_log(association.n_missed, 1.0 - model.detection_probability)
+        + _false_alarm_term(association, model)
+    )
+
+
+def _false_alarm_term(association: Association, model: ObservationModel) -> float:
+    if model.false_alarm_rate is None:
+        return 0.0
+    return _times_log(len(association.false_alarms), model.false_alarm_rate)
+
+
+def _times_log(count: int, value: float) -> float:
+    if count == 0:
+        return 0.0
+    return count * math.log(value) if value > 0.0 else -math.inf
+
+
+def _with_probabilities(hypotheses: list[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Normalise by log-sum-exp and sort; equal evidences go by the table, failures last."""
+    evidence = np.array([h.log_evidence for h in hypotheses])
+    if np.isfinite(evidence).any():
+        probabilities = np.exp(evidence - logsumexp(evidence)).tolist()
+    else:
+        probabilities = [0.0] * len(hypotheses)
+    weighed = [replace(h, probability=p) for h, p in zip(hypotheses, probabilities, strict=True)]
+    return tuple(
+        sorted(weighed, key=lambda h: (-h.log_evidence, h.association.table.ravel().tolist()))
+    )
+
+
+def _to_gtsam(problem: Problem, association: Association, estimate: Estimate) -> tuple[Any, ...]:
+    graph = build_graph(problem, association.table, estimate.steps)
+    values = make_values(estimate.poses, estimate.landmarks)
+    return graph, values, graph_keys(len(problem.scans), association.n_landmarks)
