@@ -33,7 +33,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "polygon": {*FOUNDATION, "consistency"},
     "evidence": {*FOUNDATION, "consistency"},
     "factors": set(),
-    "graph": {*FOUNDATION, "consistency", "factors"},  # polygon would bring shapely along
+    "graph": {*FOUNDATION, "consistency", "evidence", "factors"},  # polygon would bring shapely
     "tracking": {*FOUNDATION, "consistency"},  # graph would bring GTSAM along
     "pipeline": {*FOUNDATION, *MAIN_JOB},
     "incremental": {*FOUNDATION, *MAIN_JOB},
