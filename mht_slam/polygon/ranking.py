@@ -1,0 +1,274 @@
+"""`rank`: the polygon method from options to the ordered list of hypotheses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from mht_slam.arrays import IntArray, finite_number, whole_number
+from mht_slam.association import MISSED, Association
+from mht_slam.errors import OptionError, TooFewLandmarksError, UnequalScansError
+from mht_slam.hypotheses import RankedAssociation, Ranking
+from mht_slam.measurements import BearingScan, RunPair, StraightRun, scan_selection
+from mht_slam.polygon.base import choose_base, given_base
+from mht_slam.polygon.exhaustive import (
+    MIN_LANDMARKS,
+    Problem,
+    Progress,
+    cell_exists,
+    exhaustive_search,
+)
+from mht_slam.polygon.landmark_frame import REGIONS, base_cells_meet
+from mht_slam.polygon.ratio import RATIOS
+from mht_slam.polygon.tables import PairOfScans
+from mht_slam.polygon.unified_map import MapRecipe, draw_map
+
+DEFAULT_SCANS = (0, 1, 2)
+_NO_ROW = -1
+_RIGHT_ANGLE = np.pi / 2.0
+
+
+def rank(
+    run: StraightRun | RunPair,
+    *,
+    epsilon: float,
+    top_k: int | None = 10,
+    method: str = "exhaustive",
+    ratio: str = "iou",
+    region: str = "edges",
+    base: tuple[int, int] | None = None,
+    max_range: float = 100.0,
+    scans: Sequence[int] = DEFAULT_SCANS,
+    max_missed: int = 0,
+    max_false: int = 0,
+    include_zero: bool = False,
+    refine_pair: tuple[int, int] | None = None,
+    progress: Progress | None = None,
+) -> Ranking:
+    """Rank associations by the paper's polygon method, best first.
+
+    A hypothesis gives each landmark a cell in both pairs of scans: (O1, O2) and (O2, O3) of a
+    `StraightRun`, the two runs of a `RunPair`. Both pairs are moved to F_L, the frame of two base
+    landmarks, where the score is the geometric mean of the intersection ratios of all other
+    landmarks' regions. Zero if any ratio is zero, a cell is empty, or base cells overlap.
+
+    Parameters
+    ----------
+    run : what was seen. Forward is the direction of travel.
+    epsilon : the vision error, radians, in (0, pi/2): half the opening of every cone.
+    top_k : how many hypotheses to list; None means all.
+    method : "exhaustive" goes through all hypotheses, (n!)^2 for a run and (n!)^3 for a pair.
+    ratio : "iou", intersection over union, or "overlap", intersection over the smaller area.
+    region : "edges", an outer bound of each region's convex hull, its area at most half a per cent
+        too large; or "vertices", combinations of the cells' corners only.
+    base : detections of the middle scan (of s2 for a `RunPair`) at (0, 0) and (1, 0) of F_L; None
+        chooses them by the rule of docs/method.md, section 3.
+    max_range : baselines of each pair, about that pair's midpoint, at which cells are cut.
+    scans : indices of three scans of a `StraightRun`, in order of travel.
+    max_missed : the most -1 entries of a table. 0 ranks full tables only.
+    max_false : the most detections that belong to no landmark.
+    include_zero : list associations of score zero too, with the reason.
+    refine_pair : first and last of `scans`: that pair's regions refine the map, not the score.
+    progress : called with hypotheses done and their total, now and then.
+
+    Labels of the scans are hard constraints: an association that contradicts them is not listed.
+    With `max_missed` or `max_false`, associations with more landmarks seen in every scan come
+    first, and only these landmarks are scored; others must have a cell where a pair sees them.
+
+    Raises `OptionError` for options outside these, or more hypotheses than can be gone through;
+    `UnequalScansError` where scans differ in length more than `max_missed` and `max_false` allow;
+    `TooFewLandmarksError` where no three landmarks can be seen in every scan; `MeasurementError`
+    for `scans` that do not exist. Source: the paper's section 3; docs/method.md, section 3.
+
+    >>> import numpy as np
+    >>> from mht_slam.measurements import BearingScan, StraightRun
+    >>> landmarks = np.array([[1.0, 3.0], [2.0, -2.0], [3.5, 1.5]])
+    >>> run = StraightRun(
+    ...     BearingScan(np.arctan2(landmarks[:, 1], landmarks[:, 0] - x)) for x in (0.0, 1.0, 2.2)
+    ... )
+    >>> ranking = rank(run, epsilon=np.deg2rad(3))
+    >>> ranking[0].association.table.tolist()
+    [[0, 0, 0], [1, 1, 1], [2, 2, 2]]
+    >>> [region.name for region in ranking[0].map_in_landmark_frame.observation_points]
+    ['O1', 'O2', 'O3']
+    """
+    if not isinstance(run, (StraightRun, RunPair)):
+        raise OptionError(f"run is {type(run).__name__}: give a StraightRun or a RunPair")
+    finite_number(epsilon, "epsilon", above=0.0, below=_RIGHT_ANGLE)
+    finite_number(max_range, "max_range", above=0.0)
+    if top_k is not None:
+        whole_number(top_k, "top_k", at_least=1)
+    whole_number(max_missed, "max_missed", at_least=0)
+    whole_number(max_false, "max_false", at_least=0)
+    if method == "exact":
+        raise OptionError('method "exact" is not available yet: use "exhaustive"')
+    _choice(method, "method", ("exhaustive",))
+    _choice(ratio, "ratio", RATIOS)
+    _choice(region, "region", REGIONS)
+    chosen, columns, middle = _selection(run, scans)
+    refining = _refining_columns(run, chosen, refine_pair)
+    members = tuple(run.scans[scan] for scan in chosen)
+    full_base = _checked(members, middle, base, max_missed, max_false)
+    problem = Problem(
+        scans=members,
+        pairs=(
+            PairOfScans.of(members, columns[0], middle, epsilon=epsilon, max_range=max_range),
+            PairOfScans.of(members, columns[1], middle, epsilon=epsilon, max_range=max_range),
+        ),
+        middle=middle,
+        base=None if base is None else full_base,
+        ratio=ratio,
+        region=region,
+        top_k=top_k,
+        max_missed=max_missed,
+        max_false=max_false,
+        include_zero=include_zero,
+    )
+    listed, n_scored = exhaustive_search(problem, progress)
+    recipe = MapRecipe(
+        bearings=tuple(scan.bearings for scan in members),
+        scans=chosen,
+        pairs=columns + refining,
+        n_ranked=len(columns),
+        epsilon=epsilon,
+        max_range=max_range,
+        region=region,
+    )
+    return Ranking(
+        hypotheses=tuple(_ranked(problem, recipe, score, table) for score, table in listed),
+        scans=chosen,
+        base=full_base,
+        complete=True,
+        gap=0.0,
+        epsilon=float(epsilon),
+        options={
+            "top_k": top_k,
+            "method": method,
+            "ratio": ratio,
+            "region": region,
+            "base": base,
+            "max_range": max_range,
+            "max_missed": max_missed,
+            "max_false": max_false,
+            "include_zero": include_zero,
+            "refine_pair": refine_pair,
+        },
+        n_scored=n_scored,
+    )
+
+
+def _choice(value: object, name: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise OptionError(f"{name} is {value!r}: give one of {', '.join(map(repr, choices))}")
+
+
+def _selection(
+    run: StraightRun | RunPair, scans: Sequence[int]
+) -> tuple[tuple[int, ...], tuple[tuple[int, int], tuple[int, int]], int]:
+    """Scans of the columns, columns of the two pairs, and the column that names the landmarks."""
+    if isinstance(run, StraightRun):
+        return scan_selection(scans, len(run), exactly=3), ((0, 1), (1, 2)), 1
+    if tuple(scans) not in (DEFAULT_SCANS, (0, 1, 2, 3)):
+        raise OptionError(f"scans is {scans!r}: a RunPair is ranked over all its scans, leave it")
+    return (0, 1, 2, 3), ((0, 1), (2, 3)), 1
+
+
+def _refining_columns(
+    run: StraightRun | RunPair, chosen: tuple[int, ...], refine_pair: tuple[int, int] | None
+) -> tuple[tuple[int, int], ...]:
+    if refine_pair is None:
+        return ()
+    if isinstance(run, RunPair):
+        raise OptionError("refine_pair refines the map of a StraightRun: leave it for a RunPair")
+    if tuple(refine_pair) != (chosen[0], chosen[2]):
+        raise OptionError(
+            f"refine_pair is {refine_pair!r}: give the first and the last scan ranked, "
+            f"{(chosen[0], chosen[2])}"
+        )
+    return ((0, 2),)
+
+
+def _checked(
+    members: tuple[BearingScan, ...],
+    middle: int,
+    base: tuple[int, int] | None,
+    max_missed: int,
+    max_false: int,
+) -> tuple[int, int]:
+    """Check the numbers of detections and the base; return the base of full tables."""
+    counts = [len(scan) for scan in members]
+    if len(set(counts)) > 1 and max_missed == max_false == 0:
+        raise UnequalScansError(
+            f"the scans have {counts} detections: every landmark must be seen in every scan "
+            "unless max_missed or max_false allow otherwise"
+        )
+    if min(counts) < MIN_LANDMARKS:
+        raise TooFewLandmarksError(
+            f"the scans have {counts} detections: at least {MIN_LANDMARKS} landmarks must be seen "
+            "in every scan, two carry the frame and the others are compared"
+        )
+    if base is not None:
+        return given_base(base, counts[middle])
+    return choose_base(members[middle].bearings, range(counts[middle]))
+
+
+def _ranked(
+    problem: Problem, recipe: MapRecipe, score: float, table: IntArray
+) -> RankedAssociation:
+    association = Association(table, problem.n_detections)
+    table = association.table
+    full = table[(table != MISSED).all(axis=1)]
+    seen = tuple(sorted(full[:, problem.middle].tolist()))
+    base = problem.base_among(seen)
+    wanted = base or problem.base or (MISSED, MISSED)
+    column = table[:, problem.middle]
+    rows = (_row_of(column, wanted[0]), _row_of(column, wanted[1]))
+    no_frame = _why_no_frame(problem, table, seen, rows if base else None)
+    reason = None
+    if score == 0.0:
+        reason = no_frame or _why_zero(problem, table)
+    return RankedAssociation(
+        association=association,
+        score=score,
+        base=rows,
+        zero_reason=reason,
+        _draw_map=None if no_frame else partial(draw_map, recipe, table, rows),
+    )
+
+
+def _row_of(column: IntArray, detection: int) -> int:
+    rows = np.flatnonzero(column == detection) if detection != MISSED else ()
+    return int(rows[0]) if len(rows) else _NO_ROW
+
+
+def _why_no_frame(
+    problem: Problem, table: IntArray, seen: tuple[int, ...], base: tuple[int, int] | None
+) -> str | None:
+    """Why F_L does not exist, or None."""
+    if len(seen) < MIN_LANDMARKS:
+        return f"fewer than {MIN_LANDMARKS} landmarks are seen in every scan"
+    if base is None:
+        return "a base landmark is not seen in every scan"
+    for pair in problem.pairs:
+        name = _name(pair)
+        places = [(table[row, pair.columns[0]], table[row, pair.columns[1]]) for row in base]
+        if not all(pair.cells.filled[place] for place in places):
+            return f"a base cell of {name} is empty"
+        first, second = (np.array([pair.cells.polygons[p]], dtype=np.object_) for p in places)
+        if base_cells_meet(first, second)[0]:
+            return f"the base cells of {name} overlap"
+    return None
+
+
+def _why_zero(problem: Problem, table: IntArray) -> str:
+    for number, row in enumerate(table):
+        if not cell_exists(problem, row):
+            return f"a cell of landmark {number} is empty"
+    return "a landmark's regions in the two pairs do not meet"
+
+
+def _name(pair: PairOfScans) -> str:
+    first, second = pair.columns
+    return f"pair (O{first + 1}, O{second + 1})"
