@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import gtsam
 import numpy as np
 
-from mht_slam.arrays import FloatArray, IntArray
+from mht_slam.arrays import BoolArray, FloatArray, IntArray
+from mht_slam.association import MISSED
+from mht_slam.evidence.landmark_integral import log_landmark_integral
 from mht_slam.graph.build import (
     GraphKeys,
     build_graph,
@@ -71,7 +73,17 @@ def solve_association(
     Raises `UnsolvedError` where the optimiser fails from every start, a number is not finite, a
     landmark lies behind a bearing that sees it, the robot goes backwards, or the Hessian is
     singular.
+
+    A landmark seen once says nothing of the poses, and its position is its prior's: it stays out
+    of the graph, counts with its integral at the estimated poses, and is put on its ray at one
+    standard deviation of the prior, with the prior's covariance.
     """
+    ranged = (table != MISSED).sum(axis=1) >= 2
+    estimate = _solve_ranged(problem, table[ranged], evidence)
+    return estimate if ranged.all() else _with_single_sightings(problem, table, ranged, estimate)
+
+
+def _solve_ranged(problem: Problem, table: IntArray, evidence: EvidenceMethod) -> Estimate:
     failures = []
     best: tuple[float, gtsam.Values, FloatArray] | None = None
     for poses, landmarks in starting_points(problem, table):
@@ -132,7 +144,7 @@ def _estimate(
         raise UnsolvedError(str(cause)) from cause
     landmark_covariances, joint = _split_covariance(approximation.covariance, poses)
     log_evidence: float | None = None
-    worst = float(np.abs(residuals / sightings.sigmas)[sightings.seen].max())
+    worst = float(np.abs(residuals / sightings.sigmas)[sightings.seen].max(initial=0.0))
     if evidence == "marginal" and worst <= HOPELESS_RESIDUAL:
         log_evidence = marginal_log_evidence(problem, table, poses, joint)
     if log_evidence is None:
@@ -145,6 +157,40 @@ def _estimate(
         log_evidence=log_evidence,
         pose_covariances=_diagonal_blocks(joint, 3),
         landmark_covariances=landmark_covariances,
+    )
+
+
+def _with_single_sightings(
+    problem: Problem, table: IntArray, ranged: BoolArray, estimate: Estimate
+) -> Estimate:
+    model, sightings = problem.model, problem.sightings(table)
+    landmarks = np.empty((len(table), 2))
+    covariances = np.empty((len(table), 2, 2))
+    landmarks[ranged], covariances[ranged] = estimate.landmarks, estimate.landmark_covariances
+    log_likelihood, log_evidence = estimate.log_likelihood, estimate.log_evidence
+    for row in np.flatnonzero(~ranged).tolist():
+        scan = int(np.flatnonzero(sightings.seen[row])[0])
+        pose, bearing = estimate.poses[scan], sightings.bearings[row, scan]
+        ray = np.array([math.cos(pose[2] + bearing), math.sin(pose[2] + bearing)])
+        landmarks[row] = pose[:2] + model.landmark_sigma * ray
+        covariances[row] = model.landmark_sigma**2 * np.eye(2)
+        sigma = sightings.sigmas[row, scan : scan + 1]
+        log_likelihood -= math.log(float(sigma[0]) * math.sqrt(2.0 * math.pi))
+        log_evidence += float(
+            log_landmark_integral(
+                pose[None, None],
+                np.array([bearing]),
+                sigma,
+                model.landmark_centre,
+                model.landmark_sigma,
+            )[0]
+        )
+    return replace(
+        estimate,
+        landmarks=landmarks,
+        landmark_covariances=covariances,
+        log_likelihood=log_likelihood,
+        log_evidence=log_evidence,
     )
 
 
