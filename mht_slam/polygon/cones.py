@@ -36,7 +36,7 @@ class Cells:
     ----------
     polygons : (n1, n2) shapely polygons, empty where two cones do not meet inside the disc.
     filled : (n1, n2) whether the cell has area.
-    cut : (n1, n2) whether the cones' intersection reached beyond the disc and was cut there.
+    cut : (n1, n2) whether the cell reached beyond the disc and was cut there.
     """
 
     polygons: ObjectArray
@@ -60,7 +60,7 @@ def cells(first: FloatArray, second: FloatArray, *, epsilon: float, max_range: f
     smallest = EMPTY_CELL * epsilon**2
     filled = shapely.area(polygons) > smallest
     polygons[~filled] = shapely.Polygon()
-    cut = (shapely.area(uncut) > smallest) & ~shapely.covered_by(uncut, boundary)
+    cut = filled & ~shapely.covered_by(uncut, boundary)
     return Cells(polygons=polygons, filled=filled, cut=cut)
 
 

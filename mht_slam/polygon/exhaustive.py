@@ -127,7 +127,7 @@ def exhaustive_search(
         if not labelled and n_scored + size > MAX_HYPOTHESES:
             raise too_many_hypotheses(n_scored + size)
         best = _Best(room)
-        per_subset = size // max(1, level_size(counts, n_full, 1) // _per_subset(n_full, counts))
+        per_subset = level_size((n_full,) * len(counts), n_full, len(rest))
         for chosen in subsets(counts, n_full):
             n_scored += _score_subset(problem, chosen, rest, best)
             if n_scored > MAX_HYPOTHESES:
@@ -140,10 +140,6 @@ def exhaustive_search(
             for score, keys in zip(best.scores, best.keys, strict=True)
         ]
     return listed, n_scored
-
-
-def _per_subset(n_full: int, counts: tuple[int, ...]) -> int:
-    return level_size((n_full,) * len(counts), n_full, 1)
 
 
 class _Best:
@@ -214,7 +210,8 @@ def _score_subset(
             return n_all * len(completed)
         rows, columns = _alive(factors)
     else:
-        rows, columns = np.arange(len(first.columns)), np.arange(len(second.columns))
+        rows = np.arange(len(first.columns))
+        columns = np.arange(len(second.columns))
     linked = _linked(problem, first, second)
     n_forbidden = 0
     step = max(1, _BLOCK // max(1, len(columns)))
@@ -307,8 +304,8 @@ def _alive(factors: list[tuple[IntArray, IntArray, FloatArray]]) -> tuple[IntArr
     rows = np.ones(len(factors[0][0]), dtype=np.bool_)
     columns = np.ones(len(factors[0][1]), dtype=np.bool_)
     for index_1, index_2, ratios in factors:
-        rows &= ratios.any(axis=1)[index_1]
-        columns &= ratios.any(axis=0)[index_2]
+        rows &= (ratios.max(axis=1) > 0.0)[index_1]
+        columns &= (ratios.max(axis=0) > 0.0)[index_2]
     return np.flatnonzero(rows), np.flatnonzero(columns)
 
 

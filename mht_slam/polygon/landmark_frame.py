@@ -19,7 +19,7 @@ from mht_slam.polygon.support import Boxes, support_points
 
 REGIONS = ("edges", "vertices")
 
-AREA_TOLERANCE = 0.004
+AREA_TOLERANCE = 0.0045
 """Largest share of a region's area that lies between its inner and its outer polygon."""
 
 TOUCHING = 1e-9
@@ -124,7 +124,7 @@ def _enclose(
     total_gap = np.bincount(owner, gap, n_regions)
     n_corners = np.maximum(np.bincount(owner, minlength=n_regions), 1)
     unfinished = total_gap > AREA_TOLERANCE * whole
-    limit = 0.5 * AREA_TOLERANCE * whole / n_corners
+    limit = AREA_TOLERANCE * whole / n_corners
     direction = np.angle(-1j * chord)
     inside = np.mod(direction - angle, 2.0 * np.pi)
     usable = (inside > _MIN_TURN) & (inside < turn - _MIN_TURN)

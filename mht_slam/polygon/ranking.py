@@ -13,6 +13,7 @@ from mht_slam.errors import OptionError, TooFewLandmarksError, UnequalScansError
 from mht_slam.hypotheses import RankedAssociation, Ranking
 from mht_slam.measurements import BearingScan, RunPair, StraightRun, scan_selection
 from mht_slam.polygon.base import choose_base, given_base
+from mht_slam.polygon.enumeration import completions
 from mht_slam.polygon.exhaustive import (
     MIN_LANDMARKS,
     Problem,
@@ -199,10 +200,11 @@ def _checked(
 ) -> tuple[int, int]:
     """Check the numbers of detections and the base; return the base of full tables."""
     counts = [len(scan) for scan in members]
-    if len(set(counts)) > 1 and max_missed == max_false == 0:
+    left_over = tuple(count - min(counts) for count in counts)
+    if len(set(counts)) > 1 and not completions(left_over, max_missed, max_false):
         raise UnequalScansError(
             f"the scans have {counts} detections: every landmark must be seen in every scan "
-            "unless max_missed or max_false allow otherwise"
+            f"unless max_missed (now {max_missed}) and max_false (now {max_false}) allow otherwise"
         )
     if min(counts) < MIN_LANDMARKS:
         raise TooFewLandmarksError(
@@ -239,7 +241,7 @@ def _ranked(
 
 
 def _row_of(column: IntArray, detection: int) -> int:
-    rows = np.flatnonzero(column == detection) if detection != MISSED else ()
+    rows = np.flatnonzero((column == detection) & (column != MISSED))
     return int(rows[0]) if len(rows) else _NO_ROW
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from mht_slam.arrays import BoolArray, FloatArray, IntArray
 from mht_slam.polygon.cones import ComplexArray
 
-SUPPORT_TOLERANCE = 3e-4
+SUPPORT_TOLERANCE = 5e-4
 """How much too far a support line may stand, as a share of the region's width there."""
 
 _MAX_ROUNDS = 100
@@ -53,17 +53,13 @@ def support_points(
     ends, swapped = _shorter_first(boxes.ends)
     ends, swapped = ends[box], swapped[box]
     reach, image = _farthest(ends, swapped, direction[query])
-    lowest, _ = _farthest(ends, swapped, -direction[query])
-    tolerance = SUPPORT_TOLERANCE * (
-        np.maximum.reduceat(reach.max(axis=1), offset)
-        + np.maximum.reduceat(lowest.max(axis=1), offset)
-    )
+    tolerance = SUPPORT_TOLERANCE * _widths(boxes.ends, box, direction[query], offset)
     best = np.full(len(region), -np.inf)
     point = np.zeros(len(region), dtype=np.complex128)
     excess = tolerance.copy()
     for _ in range(_MAX_ROUNDS):
         _keep_best(query, reach, image, best, point)
-        bound = np.minimum(reach.max(axis=1) + _bulge(ends), boxes.farthest[region[query]])
+        bound = np.minimum(_bound(reach, _bulge(ends)), boxes.farthest[region[query]])
         unsettled = bound > (best + tolerance)[query]
         crowded = np.bincount(query[unsettled], minlength=len(region)) > _MAX_BOXES
         if crowded.any():
@@ -76,6 +72,19 @@ def support_points(
         ends = _bisect(ends[unsettled])
         reach, image = _farthest(ends, swapped, direction[query])
     return point, best + excess
+
+
+def _widths(
+    ends: ComplexArray, box: IntArray, direction: ComplexArray, offset: IntArray
+) -> FloatArray:
+    """Width of each query's region along its direction, from the corners of its boxes."""
+    p1, p2, p3 = ends[:, [0, 0, 1, 1]], ends[:, [2, 3, 2, 3]], ends[:, 4, None]
+    corners = ((p3 - p1) / (p2 - p1))[box]
+    reach = corners.real * direction.real[:, None] + corners.imag * direction.imag[:, None]
+    width: FloatArray = np.maximum.reduceat(reach.max(axis=1), offset) - np.minimum.reduceat(
+        reach.min(axis=1), offset
+    )
+    return width
 
 
 def _shorter_first(ends: ComplexArray) -> tuple[ComplexArray, BoolArray]:
@@ -142,6 +151,16 @@ def _keep_best(
     point[query[winner]] = np.where(second[winner], image[winner, 1], image[winner, 0])
 
 
+def _bound(reach: FloatArray, bulge: FloatArray) -> FloatArray:
+    """(N,) what z cannot exceed: the top of the line between p1's ends plus a parabola."""
+    apart = np.abs(reach[:, 0] - reach[:, 1])
+    level = apart >= 4.0 * bulge  # so steep that an end is highest
+    safe = np.where(level, 1.0, bulge)
+    top = 0.5 * (reach[:, 0] + reach[:, 1]) + bulge + apart**2 / (16.0 * safe)
+    bound: FloatArray = np.where(level, reach.max(axis=1), top)
+    return bound
+
+
 def _bulge(ends: ComplexArray) -> FloatArray:
     """(N,) how much farther than at p1's ends z can reach with p1 between them.
 
@@ -163,7 +182,7 @@ def _bulge(ends: ComplexArray) -> FloatArray:
 
 
 def _bisect(ends: ComplexArray) -> ComplexArray:
-    """Divide the longer of each box's pieces, p1's unless p2's keeps it apart from nothing.
+    """Divide each box across p1's piece, or p2's where that is so long that it hides distances.
 
     Returns (2N, 5), side by side. A piece is cut where its ends' distances from the other one
     divide it, as a bisector of the angle would: far parts of it matter less than near ones.

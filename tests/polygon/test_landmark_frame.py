@@ -1,0 +1,141 @@
+"""Regions in F_L against dense sampling, and their ratios."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mht_slam.polygon.cones import cells, corners
+from mht_slam.polygon.landmark_frame import Triple, base_cells_meet, landmark_frame_regions
+from mht_slam.polygon.ratio import intersection_ratios, ratio_table
+
+Complex = npt.NDArray[np.complex128]
+
+
+def random_triple(seed: int, epsilon: float) -> tuple[Triple, Complex] | None:
+    """Cells of three landmarks seen with errors inside epsilon, and the landmarks."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-4.0, 4.0, (3, 2))
+    bearings = [
+        np.arctan2(points[:, 1], points[:, 0] - apex) + 0.9 * rng.uniform(-epsilon, epsilon, 3)
+        for apex in (0.0, 1.0)
+    ]
+    found = cells(bearings[0], bearings[1], epsilon=epsilon, max_range=100.0)
+    polygons = found.polygons.diagonal()
+    if base_cells_meet(polygons[:1], polygons[1:2])[0]:
+        return None
+    return Triple(*(corners(p) for p in polygons)), points[:, 0] + 1j * points[:, 1]
+
+
+def along_boundary(cell: Complex, per_edge: int) -> Complex:
+    places = np.linspace(0.0, 1.0, per_edge, endpoint=False)[:, None]
+    return np.concatenate((cell + places * (np.roll(cell, -1) - cell)).T)
+
+
+def densely_sampled_hull(triple: Triple, per_edge: int) -> shapely.Geometry:
+    """Hull of all combinations of boundary points, with closer points where cells are close."""
+    p1, p2 = along_boundary(triple.first, per_edge), along_boundary(triple.second, per_edge)
+    inverse = 1.0 / (p2[None, :] - p1[:, None])
+    images = np.concatenate([((p3 - p1[:, None]) * inverse).ravel() for p3 in triple.third])
+    return shapely.convex_hull(shapely.MultiPoint(np.column_stack([images.real, images.imag])))
+
+
+@pytest.mark.parametrize("epsilon_deg", [1.0, 3.0, 8.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_edges_region_is_an_outer_bound_within_half_a_per_cent(
+    seed: int, epsilon_deg: float
+) -> None:
+    scene = random_triple(seed, np.deg2rad(epsilon_deg))
+    if scene is None or np.abs(np.concatenate(scene[0][:2])).max() > 20.0:
+        return  # uniform sampling of cut cells is no measure
+    region = landmark_frame_regions([scene[0]])[0]
+    coarse, dense = (densely_sampled_hull(scene[0], n) for n in (40, 120))
+    left = dense.area - coarse.area  # the sampled area still grows by about an eighth of that
+    assert region.buffer(1e-9 * np.sqrt(region.area)).covers(dense)
+    assert region.area <= 1.005 * (dense.area + left)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.002, 0.2))
+@settings(max_examples=60, deadline=None)
+def test_edges_region_holds_the_truth_and_the_vertices_region(seed: int, epsilon: float) -> None:
+    scene = random_triple(seed, epsilon)
+    if scene is None:
+        return
+    triple, points = scene
+    truth = (points[2] - points[0]) / (points[1] - points[0])
+    edges = landmark_frame_regions([triple])[0]
+    vertices = landmark_frame_regions([triple], "vertices")[0]
+    assert shapely.contains_xy(edges, truth.real, truth.imag)
+    assert edges.buffer(1e-9 * np.sqrt(edges.area)).covers(vertices)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_edges_region_holds_every_image_of_points_inside_the_cells(seed: int, inner: int) -> None:
+    scene = random_triple(seed, np.deg2rad(4))
+    if scene is None:
+        return
+    rng = np.random.default_rng(inner)
+    p1, p2, p3 = (rng.dirichlet(np.ones(len(c)), 2000) @ c for c in scene[0])
+    images = (p3 - p1) / (p2 - p1)
+    region = landmark_frame_regions([scene[0]])[0]
+    assert shapely.contains_xy(region, images.real, images.imag).all()
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_exchanging_base_landmarks_turns_the_region_by_half_a_turn(seed: int) -> None:
+    scene = random_triple(seed, np.deg2rad(3))
+    if scene is None:
+        return
+    first, second, third = scene[0]
+    region, exchanged = landmark_frame_regions(
+        [Triple(first, second, third), Triple(second, first, third)]
+    )
+    turned = shapely.transform(exchanged, lambda xy: [1.0, 0.0] - xy)
+    assert turned.symmetric_difference(region).area <= 1e-7 * region.area
+
+
+def test_a_point_as_third_cell_gives_where_the_observation_point_may_be() -> None:
+    scene = random_triple(3, np.deg2rad(2))
+    assert scene is not None
+    (first, second, _), points = scene
+    region = landmark_frame_regions([Triple(first, second, np.array([1.0 + 0j]))])[0]
+    truth = (1.0 - points[0]) / (points[1] - points[0])
+    assert shapely.contains_xy(region, truth.real, truth.imag)
+
+
+def test_base_cells_that_nearly_touch_along_an_edge_still_have_a_finite_outer_region() -> None:
+    square = np.array([0j, 1.0 + 0j, 1.0 + 1j, 1j])
+    third = square * 0.1 + 3.0
+    region = landmark_frame_regions([Triple(square, square + 1.0 + 1e-5, third)])[0]
+    assert np.isfinite(region.area)
+    p1, p2 = 1.0 + 0.3j, 1.00001 + 0.3j
+    images = (third - p1) / (p2 - p1)
+    assert shapely.contains_xy(region.buffer(1.0), images.real, images.imag).all()
+
+
+def test_cells_that_share_a_point_meet_and_distant_ones_do_not() -> None:
+    box = shapely.box(0.0, 0.0, 1.0, 1.0)
+    others = [shapely.box(x, 0.0, x + 1.0, 1.0) for x in (0.5, 1.0, 1.1)]
+    assert base_cells_meet(np.array([box] * 3), np.array(others)).tolist() == [True, True, False]
+
+
+def test_ratios_of_squares() -> None:
+    squares = np.array([shapely.box(x, 0.0, x + 1.0, 1.0) for x in (0.0, 0.5, 2.0)])
+    wide = np.array([shapely.box(0.0, 0.0, 2.0, 1.0)])
+    every = np.ones((3, 1), dtype=np.bool_)
+    assert ratio_table(squares, wide, "iou", every)[:, 0] == pytest.approx([0.5, 0.5, 0.0])
+    assert ratio_table(squares, wide, "overlap", every)[:, 0] == pytest.approx([1.0, 1.0, 0.0])
+    assert ratio_table(squares, wide, "iou", ~every).max() == 0.0
+
+
+def test_a_region_without_area_has_ratio_zero() -> None:
+    flat = np.array([shapely.LineString([(0.0, 0.0), (1.0, 0.0)])])
+    square = np.array([shapely.box(0.0, -1.0, 1.0, 1.0)])
+    for ratio in ("iou", "overlap"):
+        assert intersection_ratios(flat, square, ratio)[0] == 0.0
