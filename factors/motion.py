@@ -3,8 +3,8 @@
 GTSAM measures the difference of two ``Pose2`` with the logarithm of SE(2), which couples position
 and heading: a prior pose with a loose x and a tight y does *not* hold a robot with a jittering
 heading on the x axis. Hence the line is held by a translation prior and the heading by its own
-factor, while motion between poses uses the logarithm on purpose: zero lateral motion is then an
-arc tangent to both headings, as a wheeled robot drives it.
+factor. Motion between poses is measured from the expected motion, where the two agree to first
+order.
 """
 
 from __future__ import annotations
@@ -72,6 +72,9 @@ def smooth_motion(
 
     Forward motion has standard deviation `step_sigma`, lateral motion `lateral_sigma`, the change
     of heading `heading_sigma` (radians). A sigma of `FREE_SIGMA` leaves a direction free.
+
+    Lateral means across the heading of `pose`: a robot that turns by w on an arc ends up about
+    `step` w / 2 beside it, which `lateral_sigma` has to allow for.
     """
     noise = gtsam.noiseModel.Diagonal.Sigmas([step_sigma, lateral_sigma, heading_sigma])
     return gtsam.BetweenFactorPose2(pose, next_pose, gtsam.Pose2(step, 0.0, 0.0), noise)
