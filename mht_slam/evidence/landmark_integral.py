@@ -29,6 +29,10 @@ LOG_RANGE_STEP = 0.09
 """Grid step in the logarithm of the range, divided by the root of the other sightings."""
 MIN_PARALLAX = 8.0
 """Parallax, in its standard deviations, from which two bearings are good coordinates."""
+SAME_WAY = 0.9
+"""Cosine of the angle to their mean within which rays look the same way."""
+SHARE_POWER = 4.0
+"""Power of the inverse range in an anchor's share of a point."""
 MIN_RANGE = 1e-4
 """Nearest landmark considered, as a share of the landmark prior's standard deviation."""
 
@@ -52,44 +56,68 @@ def log_landmark_integral(
     -------
     (Q,) log E_j; -inf where no point in front of the poses explains the bearings.
 
-    With enough parallax the two bearings that make it are the coordinates: both factors are then
-    exactly Gaussian, and the Jacobian is d1 d2 / |sin(theta2 - theta1)| with the ranges d.
-    With less, the coordinates are the bearing and the log range from the foremost pose, in which
-    a landmark known by its direction only is a smooth function.
+    With enough parallax two bearings are the coordinates: both factors are then exactly Gaussian,
+    and the Jacobian is d1 d2 / |sin(theta2 - theta1)| with the ranges d. With less, the
+    coordinates are the bearing and the log range from a pose, in which a landmark known by its
+    direction only is a smooth function.
     """
     rays = poses[:, :, 2] + bearings
-    first, second, parallax = _best_parallax(rays, sigmas)
-    if parallax >= MIN_PARALLAX:
-        points, log_weights = _bearing_grid(poses, rays, sigmas, (first, second))
-        spanning = [first, second]
+    pair = _best_pair(poses, rays, sigmas)
+    if pair is not None:
+        points, log_weights = _bearing_grid(poses, rays, sigmas, pair)
+        grids = [(points, log_weights, pair)]
     else:
-        anchor = _foremost(poses, rays)
-        points, log_weights = _range_grid(poses, rays, sigmas, anchor, prior_centre, prior_sigma)
-        spanning = [anchor]
-    log_terms = log_weights + _log_prior(points, prior_centre, prior_sigma)
-    for k in range(len(bearings)):
-        if k not in spanning:
-            log_terms = log_terms + _log_bearing(points, poses[:, k], rays[:, k], sigmas[k])
-    return np.asarray(logsumexp(log_terms, axis=(1, 2)), dtype=np.float64)
+        anchors = _anchors(poses, rays)
+        grids = [
+            (
+                *_range_grid(poses, rays, sigmas, anchors, anchor, prior_centre, prior_sigma),
+                (anchor,),
+            )
+            for anchor in anchors
+        ]
+    parts = []
+    for points, log_terms, spanning in grids:
+        log_terms = log_terms + _log_prior(points, prior_centre, prior_sigma)
+        for k in range(len(bearings)):
+            if k not in spanning:
+                log_terms = log_terms + _log_bearing(points, poses[:, k], rays[:, k], sigmas[k])
+        parts.append(logsumexp(log_terms, axis=(1, 2)))
+    return np.asarray(np.logaddexp.reduce(parts, axis=0), dtype=np.float64)
 
 
-def _best_parallax(rays: FloatArray, sigmas: FloatArray) -> tuple[int, int, float]:
-    """Two sightings with the most parallax, and that in its standard deviations."""
-    if len(sigmas) < 2:
-        return 0, 0, 0.0
+def _best_pair(poses: FloatArray, rays: FloatArray, sigmas: FloatArray) -> tuple[int, int] | None:
+    """Two sightings that are good coordinates for all sets of poses, or None.
+
+    Of those with parallax enough, the pair that fixes the point most tightly: a pose close to the
+    landmark has to be in it, because seen from elsewhere its bearing turns faster than the grid.
+    """
     i, j = np.triu_indices(len(sigmas), 1)
-    difference = wrap_angle(rays[:, i] - rays[:, j])
-    parallax = np.minimum(np.abs(difference), math.pi - np.abs(difference)).min(axis=0)
-    parallax /= np.hypot(sigmas[i], sigmas[j])
-    best = int(parallax.argmax())
-    return int(i[best]), int(j[best]), float(parallax[best])
+    sine = np.sin(rays[:, j] - rays[:, i])
+    parallax = np.arcsin(np.abs(sine)) / np.hypot(sigmas[i], sigmas[j])
+    enough = np.flatnonzero(parallax.min(axis=0, initial=math.inf) >= MIN_PARALLAX)
+    if len(enough) == 0:
+        return None
+    i, j, sine = i[enough], j[enough], sine[:, enough]
+    baseline = poses[:, j, :2] - poses[:, i, :2]
+    bx, by = baseline[..., 0], baseline[..., 1]
+    from_i = np.abs(bx * np.sin(rays[:, j]) - by * np.cos(rays[:, j])) / np.abs(sine)
+    from_j = np.abs(bx * np.sin(rays[:, i]) - by * np.cos(rays[:, i])) / np.abs(sine)
+    area = sigmas[i] * from_i * sigmas[j] * from_j / np.abs(sine)
+    best = int(area.mean(axis=0).argmin())
+    return int(i[best]), int(j[best])
 
 
-def _foremost(poses: FloatArray, rays: FloatArray) -> int:
-    """The pose farthest along the mean ray, hence nearest to a landmark far out on it."""
+def _anchors(poses: FloatArray, rays: FloatArray) -> list[int]:
+    """Poses about which polar grids are laid.
+
+    Where all look the same way, the one farthest ahead, hence nearest to the landmark; else the
+    landmark may be close to any of them.
+    """
     mean = np.arctan2(np.sin(rays).sum(), np.cos(rays).sum())
+    if float(np.cos(rays - mean).min()) < SAME_WAY:
+        return list(range(rays.shape[1]))
     along = poses[..., 0] * np.cos(mean) + poses[..., 1] * np.sin(mean)
-    return int(along.mean(axis=0).argmax())
+    return [int(along.mean(axis=0).argmax())]
 
 
 def _bearing_grid(
@@ -120,36 +148,55 @@ def _range_grid(
     poses: FloatArray,
     rays: FloatArray,
     sigmas: FloatArray,
+    anchors: list[int],
     anchor: int,
     prior_centre: tuple[float, float],
     prior_sigma: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Points (Q, T, D, 2) by bearing and log range from one pose, and their log weights.
 
-    The ranges run from where the parallax would be far too large up to six prior sigmas.
+    Each of several anchors takes a smooth share of every point, large where it is the nearest.
     """
     t, step = _standard_grid(len(sigmas))
-    origins = poses[:, :, :2]
-    lever = origins - origins[:, anchor : anchor + 1]
-    ray = rays[:, anchor, None]
-    across = np.abs(lever[..., 0] * np.sin(ray) - lever[..., 1] * np.cos(ray)).max(axis=1)
-    along = np.abs(lever[..., 0] * np.cos(ray) + lever[..., 1] * np.sin(ray)).max(axis=1)
-    error = 2.0 * REACH * sigmas.max()
-    spread = np.abs(np.sin(rays - ray)).max() + error
-    swing = float((across + along * error).min())  # how far off the ray the others may pass
-    nearest = max(swing / float(spread) / 4.0, MIN_RANGE * prior_sigma)
-    to_centre = np.linalg.norm(origins[:, anchor] - np.array(prior_centre), axis=-1).max()
+    to_centre = np.linalg.norm(poses[:, anchor, :2] - np.array(prior_centre), axis=-1).max()
     farthest = 6.0 * prior_sigma + float(to_centre)
+    nearest = MIN_RANGE * prior_sigma
+    if len(anchors) == 1:
+        nearest = min(max(nearest, _nearest_seen(poses, rays, sigmas, anchor)), 0.5 * farthest)
     log_step = LOG_RANGE_STEP / math.sqrt(max(len(sigmas) - 1, 1))
-    count = max(2, math.ceil(math.log(farthest / min(nearest, 0.5 * farthest)) / log_step))
+    count = math.ceil(math.log(farthest / nearest) / log_step)
     log_range = math.log(farthest) - log_step * np.arange(count)[::-1]
-    alpha = ray[..., None] + sigmas[anchor] * t[:, None]
+    alpha = rays[:, anchor, None, None] + sigmas[anchor] * t[:, None]
     distance = np.exp(log_range)
     x = poses[:, anchor, 0, None, None] + distance * np.cos(alpha)
     y = poses[:, anchor, 1, None, None] + distance * np.sin(alpha)
     normal = _log_standard_normal(t) + math.log(step)
-    log_weights = normal[:, None] + 2.0 * log_range + math.log(log_step)
-    return np.stack([x, y], axis=-1), np.broadcast_to(log_weights, x.shape)
+    log_weights = np.broadcast_to(normal[:, None] + 2.0 * log_range + math.log(log_step), x.shape)
+    if len(anchors) > 1:
+        others = [
+            np.hypot(x - poses[:, k, 0, None, None], y - poses[:, k, 1, None, None])
+            for k in anchors
+        ]
+        shares = -SHARE_POWER * np.log(np.maximum(others, 1e-300))
+        own = -SHARE_POWER * log_range
+        log_weights = log_weights + own - np.logaddexp.reduce(shares, axis=0)
+    return np.stack([x, y], axis=-1), log_weights
+
+
+def _nearest_seen(poses: FloatArray, rays: FloatArray, sigmas: FloatArray, anchor: int) -> float:
+    """Range from the anchor below which the parallax would be far larger than the one seen.
+
+    A pose `behind` the anchor and `across` its ray sees a point at range d with a parallax of
+    about across / (behind + d).
+    """
+    lever = poses[:, anchor, None, :2] - poses[:, :, :2]
+    ray = rays[:, anchor, None]
+    behind = np.abs(lever[..., 0] * np.cos(ray) + lever[..., 1] * np.sin(ray))
+    across = np.abs(lever[..., 0] * np.sin(ray) - lever[..., 1] * np.cos(ray))
+    error = 2.0 * REACH * float(sigmas.max())
+    seen = np.abs(np.sin(rays - ray)) + error
+    nearest = (across - behind * error) / seen - behind
+    return 0.5 * float(nearest.max(axis=1).min())
 
 
 def _standard_grid(n_sightings: int) -> tuple[FloatArray, float]:
