@@ -77,19 +77,24 @@ def completions(left_over: tuple[int, ...], max_missed: int, max_false: int) -> 
     detections = [(scan, i) for scan, count in enumerate(left_over) for i in range(count)]
     n_scans = len(left_over)
     found: list[Completion] = []
+    # A partly seen landmark takes at most n_scans - 1 detections and misses at least one scan.
+    if len(detections) > max_false + (n_scans - 1) * max_missed:
+        return found
 
     def extend(position: int, rows: list[list[int]], n_false: int) -> None:
         if position == len(detections):
             missed = sum(row.count(MISSED) for row in rows)
-            if missed <= max_missed and all(MISSED in row for row in rows):
+            if missed <= max_missed:
                 found.append(tuple(tuple(row) for row in rows))
+            if len(found) > MAX_ASSIGNMENTS:
+                raise too_many_hypotheses(len(found))
             return
         scan, detection = detections[position]
         # What the scans up to this one have not seen of a row stays missed.
         if sum(row[:scan].count(MISSED) for row in rows) > max_missed:
             return
         for row in rows:
-            if row[scan] == MISSED:
+            if row[scan] == MISSED and row.count(MISSED) > 1:
                 row[scan] = detection
                 extend(position + 1, rows, n_false)
                 row[scan] = MISSED

@@ -110,20 +110,24 @@ def exhaustive_search(
 
     The order: landmarks seen in every scan (more first), score rounded to 1e-12 (higher first),
     table flattened with -1 as plus infinity (a table that runs out of rows comes first).
-    Raises `OptionError` where that would go through more than `MAX_HYPOTHESES`.
+    `progress` hears the total of the levels that were reached, which grows where one does not
+    fill the list. Raises `OptionError` where that would go through more than `MAX_HYPOTHESES`.
     """
     counts = problem.n_detections
     lowest = 0 if problem.include_zero else MIN_LANDMARKS
-    levels = [(f, problem.completions(f)) for f in range(min(counts), lowest - 1, -1)]
-    sizes = [level_size(counts, f, len(rest)) for f, rest in levels]
     labelled = any(scan.labels is not None for scan in problem.scans)
     listed: list[tuple[float, IntArray]] = []
     n_scored = 0
-    done = 0
-    for (n_full, rest), size in zip(levels, sizes, strict=True):
+    done = total = 0
+    for n_full in range(min(counts), lowest - 1, -1):
         room = None if problem.top_k is None else problem.top_k - len(listed)
-        if not rest or room == 0:
+        if room == 0:
+            break
+        rest = problem.completions(n_full)
+        if not rest:
             continue
+        size = level_size(counts, n_full, len(rest))
+        total += size
         if not labelled and n_scored + size > MAX_HYPOTHESES:
             raise too_many_hypotheses(n_scored + size)
         best = _Best(room)
@@ -134,7 +138,7 @@ def exhaustive_search(
                 raise too_many_hypotheses(n_scored)
             done += per_subset
             if progress is not None:
-                progress(done, sum(sizes))
+                progress(done, total)
         listed += [
             (float(score), problem.decode(keys))
             for score, keys in zip(best.scores, best.keys, strict=True)

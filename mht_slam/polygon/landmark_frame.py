@@ -27,6 +27,7 @@ TOUCHING = 1e-9
 
 _FIRST_DIRECTIONS = 8
 _MAX_ROUNDS = 8
+_DISC_SIDES = 16
 _MIN_TURN = 1e-6
 
 
@@ -59,7 +60,8 @@ def landmark_frame_regions(triples: Sequence[Triple], region: str = "edges") -> 
     ``region="edges"`` is an outer bound of the convex hull of all z, its area at most half a per
     cent too large. Edges of the base cells become circular arcs, so the hull is closed in between
     an inner polygon of extreme points and an outer one of the lines that support it; directions
-    are added until both agree to `AREA_TOLERANCE`. No point of a cell is lost to sampling.
+    are added until both agree to `AREA_TOLERANCE`. No point of a cell is lost to sampling. Only
+    where base cells nearly touch along an edge, and the region is huge, it is a disc that holds it.
     ``region="vertices"`` is the hull of the combinations of corners, which is no outer bound.
 
     Source: the paper's Uncertainty Analysis Method; docs/method.md, section 3.
@@ -75,13 +77,20 @@ def landmark_frame_regions(triples: Sequence[Triple], region: str = "edges") -> 
     new_angle = np.tile(angles, len(triples))
     owner, angle = new_owner[:0], new_angle[:0]
     point, height = np.empty(0, np.complex128), np.empty(0)
+    in_disc = np.zeros(len(triples), dtype=np.bool_)
     for _ in range(_MAX_ROUNDS):
         if not len(new_owner):
             break
-        new_point, new_height = support_points(boxes, new_owner, np.exp(1j * new_angle))
+        new_point, new_height, given_up = support_points(boxes, new_owner, np.exp(1j * new_angle))
+        for hopeless in np.unique(new_owner[given_up]).tolist():
+            regions[hopeless] = _disc_that_holds(triples[hopeless])
+            in_disc[hopeless] = True
         owner, angle = np.concatenate([owner, new_owner]), np.concatenate([angle, new_angle])
         point, height = np.concatenate([point, new_point]), np.concatenate([height, new_height])
         order = np.lexsort((angle, owner))
+        order = order[~in_disc[owner[order]]]
+        if not len(order):
+            break
         owner, angle, point, height = owner[order], angle[order], point[order], height[order]
         loose = _enclose(owner, angle, point, height, regions)
         unfinished = loose.any_of_owner[owner]
@@ -136,27 +145,30 @@ def _enclose(
 def _boxes(triples: Sequence[Triple]) -> Boxes:
     """Products of the pieces of both base cells that matter with the third cell's corners."""
     grids = []
-    farthest = []
-    pieces: dict[tuple[int, int], tuple[ComplexArray, ComplexArray, float]] = {}
+    pieces: dict[tuple[int, int], tuple[ComplexArray, ComplexArray]] = {}
     for first, second, third in triples:
         key = (id(first), id(second))
         if key not in pieces:
-            pieces[key] = (
-                _bulging_pieces(first, second),
-                _bulging_pieces(second, first),
-                float(shapely.distance(_polygon(first), _polygon(second))),
-            )
-        p1, p2, apart = pieces[key]
-        farthest.append(np.abs(third[:, None] - first).max() / apart)
+            pieces[key] = (_bulging_pieces(first, second), _bulging_pieces(second, first))
+        p1, p2 = pieces[key]
         i, j, k = np.indices((len(p1), len(p2), len(third))).reshape(3, -1)
         grids.append(np.column_stack([p1[i], p2[j], third[k]]))
     owner = np.repeat(np.arange(len(triples)), [len(grid) for grid in grids])
-    ends = np.concatenate([np.empty((0, 5), np.complex128), *grids])
-    return Boxes(owner, ends, np.array(farthest))
+    return Boxes(owner, np.concatenate([np.empty((0, 5), np.complex128), *grids]))
 
 
-def _polygon(cell: ComplexArray) -> object:
-    return shapely.Polygon(np.column_stack([cell.real, cell.imag]))
+def _disc_that_holds(triple: Triple) -> object:
+    """A polygon about 0.5, the middle of the base, that every z is in: from distances alone."""
+    first, second = (
+        shapely.Polygon(np.column_stack([cell.real, cell.imag])) for cell in triple[:2]
+    )
+    middle = 0.5 * (triple.first[:, None] + triple.second)
+    farthest = np.abs(triple.third[:, None, None] - middle).max()
+    radius = farthest / shapely.distance(first, second) / np.cos(np.pi / _DISC_SIDES)
+    angles = (np.arange(_DISC_SIDES) + 0.5) * (2.0 * np.pi / _DISC_SIDES)
+    return shapely.Polygon(
+        np.column_stack([0.5 + radius * np.cos(angles), radius * np.sin(angles)])
+    )
 
 
 def _bulging_pieces(cell: ComplexArray, other: ComplexArray) -> ComplexArray:

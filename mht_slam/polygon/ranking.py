@@ -72,7 +72,7 @@ def rank(
     max_false : the most detections that belong to no landmark.
     include_zero : list associations of score zero too, with the reason.
     refine_pair : first and last of `scans`: that pair's regions refine the map, not the score.
-    progress : called with hypotheses done and their total, now and then.
+    progress : called with the hypotheses done and their total so far, now and then.
 
     Labels of the scans are hard constraints: an association that contradicts them is not listed.
     With `max_missed` or `max_false`, associations with more landmarks seen in every scan come

@@ -13,7 +13,7 @@ SUPPORT_TOLERANCE = 5e-4
 """How much too far a support line may stand, as a share of the region's width there."""
 
 _MAX_ROUNDS = 100
-_MAX_BOXES = 500
+_MAX_BOXES = 200
 _LONGER = 4.0
 _IN_LINE = 1e-12
 
@@ -25,23 +25,21 @@ class Boxes(NamedTuple):
     ----------
     region : (N,) sorted indices of the regions, each of which has at least one box.
     ends : (N, 5) both ends of the piece for p1, both ends of that for p2, and p3.
-    farthest : (regions,) a number that no abs(z) of the region exceeds.
     """
 
     region: IntArray
     ends: ComplexArray
-    farthest: FloatArray
 
 
 def support_points(
     boxes: Boxes, region: IntArray, direction: ComplexArray
-) -> tuple[ComplexArray, FloatArray]:
+) -> tuple[ComplexArray, FloatArray, BoolArray]:
     """Extreme points of regions of z = (p3 - p1) / (p2 - p1), and lines that support them.
 
     A query q asks how far region ``region[q]`` reaches along the unit number ``direction[q]``.
-    Returns a point of each region and a height that no point of the region exceeds. The point
-    falls short of the height by at most `SUPPORT_TOLERANCE` of the region's width, unless base
-    cells nearly touch along an edge, where the search is given up with what it has bounded.
+    Returns a point of each region; a height that no point of the region exceeds, above that point
+    by `SUPPORT_TOLERANCE` of the region's width; and whether the search was given up because base
+    cells nearly touch along an edge: then the height means nothing.
 
     The best p2 on its piece is known in closed form for each p1, so only p1's piece is divided.
     """
@@ -56,22 +54,21 @@ def support_points(
     tolerance = SUPPORT_TOLERANCE * _widths(boxes.ends, box, direction[query], offset)
     best = np.full(len(region), -np.inf)
     point = np.zeros(len(region), dtype=np.complex128)
-    excess = tolerance.copy()
+    given_up = np.zeros(len(region), dtype=np.bool_)
     for _ in range(_MAX_ROUNDS):
         _keep_best(query, reach, image, best, point)
-        bound = np.minimum(_bound(reach, _bulge(ends)), boxes.farthest[region[query]])
+        bound = _bound(reach, _bulge(ends))
         unsettled = bound > (best + tolerance)[query]
-        crowded = np.bincount(query[unsettled], minlength=len(region)) > _MAX_BOXES
-        if crowded.any():
-            given_up = unsettled & crowded[query]
-            np.maximum.at(excess, query[given_up], (bound - best[query])[given_up])
-            unsettled &= ~given_up
+        given_up |= np.bincount(query[unsettled], minlength=len(region)) > _MAX_BOXES
+        unsettled &= ~given_up[query]
         if not unsettled.any():
             break
         query, swapped = np.repeat(query[unsettled], 2), np.repeat(swapped[unsettled], 2)
         ends = _bisect(ends[unsettled])
         reach, image = _farthest(ends, swapped, direction[query])
-    return point, best + excess
+    else:
+        given_up[query] = True
+    return point, best + tolerance, given_up
 
 
 def _widths(

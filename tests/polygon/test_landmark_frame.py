@@ -111,12 +111,13 @@ def test_a_point_as_third_cell_gives_where_the_observation_point_may_be() -> Non
 
 def test_base_cells_that_nearly_touch_along_an_edge_still_have_a_finite_outer_region() -> None:
     square = np.array([0j, 1.0 + 0j, 1.0 + 1j, 1j])
-    third = square * 0.1 + 3.0
-    region = landmark_frame_regions([Triple(square, square + 1.0 + 1e-5, third)])[0]
+    third = np.asarray(square * 0.1 + 3.0, dtype=np.complex128)
+    second = np.asarray(square + 1.00001, dtype=np.complex128)
+    region = landmark_frame_regions([Triple(square, second, third)])[0]
     assert np.isfinite(region.area)
     p1, p2 = 1.0 + 0.3j, 1.00001 + 0.3j
     images = (third - p1) / (p2 - p1)
-    assert shapely.contains_xy(region.buffer(1.0), images.real, images.imag).all()
+    assert shapely.contains_xy(region, images.real, images.imag).all()
 
 
 def test_cells_that_share_a_point_meet_and_distant_ones_do_not() -> None:
