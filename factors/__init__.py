@@ -23,6 +23,7 @@ from mht_slam.factors.motion import straight_segment as straight_segment
 from mht_slam.factors.sightings import bearing as bearing
 from mht_slam.factors.sightings import bearing_and_range as bearing_and_range
 from mht_slam.factors.sightings import landmark_range as landmark_range
+from mht_slam.factors.sightings import log_range_volume as log_range_volume
 
 __all__ = [
     "FREE_SIGMA",
@@ -35,6 +36,7 @@ __all__ = [
     "landmark_range",
     "log_density",
     "log_normaliser",
+    "log_range_volume",
     "log_step",
     "odometry",
     "on_line",

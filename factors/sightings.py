@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import gtsam
 
 
@@ -32,3 +34,14 @@ def bearing_and_range(
     """Landmark seen from a pose at `angle` and `distance`."""
     noise = gtsam.noiseModel.Diagonal.Sigmas([bearing_sigma, range_sigma])
     return gtsam.BearingRangeFactor2D(pose, landmark, gtsam.Rot2(angle), distance, noise)
+
+
+def log_range_volume(pose: int, landmark: int, around: float) -> gtsam.RangeFactor2D:
+    """Area per bearing and log range, d^2, linearised at the range d = `around`.
+
+    A density over a landmark's position becomes one over its bearing and log range when
+    multiplied by d^2. In those coordinates a pose is infinitely far away, so an optimum never
+    lies on it. As a factor, -2 ln d has at d0 the gradient and curvature of a Gaussian on d with
+    mean 2 d0 and standard deviation d0 / sqrt(2). It measures nothing: leave it out of densities.
+    """
+    return landmark_range(pose, landmark, 2.0 * around, around / math.sqrt(2.0))

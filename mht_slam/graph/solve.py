@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import gtsam
 import numpy as np
 
+from mht_slam import factors
 from mht_slam.arrays import BoolArray, FloatArray, IntArray
 from mht_slam.association import MISSED
 from mht_slam.evidence.landmark_integral import log_landmark_integral
@@ -18,7 +20,6 @@ from mht_slam.graph.build import (
     graph_keys,
     make_values,
     prior_outside_graph,
-    step_factors,
 )
 from mht_slam.graph.initial import starting_points
 from mht_slam.graph.laplace import SingularGraphError, laplace
@@ -30,11 +31,14 @@ EvidenceMethod: TypeAlias = Literal["marginal", "laplace"]
 
 HOPELESS_RESIDUAL = 6.0
 """Residual, in sigmas, beyond which plain Laplace is good enough for an evidence of nothing."""
-MAX_STEP_UPDATES = 10
-STEP_TOLERANCE = 1e-4
-"""Relative change of a step below which its linearised prior is taken as exact.
+NEAREST_RANGE = 0.01
+"""Range, in baselines, below which a landmark counts as lying on the observation point."""
+MAX_RELINEARISATIONS = 10
+MAX_RANGE_RELINEARISATIONS = 40
+RELINEARISED = 1e-4
+"""Relative change of steps and ranges below which linearised factors are taken as exact.
 
-The prior's value changes by the square of it.
+The value of such a factor changes by the square of it.
 """
 
 
@@ -63,12 +67,20 @@ class UnsolvedError(ArithmeticError):
     """An association whose graph gave no usable estimate; the message says why."""
 
 
+class TrappedError(UnsolvedError):
+    """A landmark that the optimiser put on an observation point."""
+
+
 def solve_association(
     problem: Problem, table: IntArray, evidence: EvidenceMethod = "marginal"
 ) -> Estimate:
     """Estimate poses and landmarks of one association from its best start.
 
     `evidence` says how the evidence is computed, see `mht_slam.graph.refine.refine`.
+
+    With wandering headings the optimum over positions may lie on an observation point, where a
+    landmark explains any bearing. The optimum over bearings and log ranges is taken then; Laplace
+    at that point is Laplace in those coordinates, because the Jacobians cancel.
 
     Raises `UnsolvedError` where the optimiser fails from every start, a number is not finite, a
     landmark lies behind a bearing that sees it, the robot goes backwards, or the Hessian is
@@ -84,62 +96,98 @@ def solve_association(
 
 
 def _solve_ranged(problem: Problem, table: IntArray, evidence: EvidenceMethod) -> Estimate:
-    failures = []
-    best: tuple[float, gtsam.Values, FloatArray] | None = None
-    for poses, landmarks in starting_points(problem, table):
+    starts = starting_points(problem, table)
+    optima, failures = _optima(problem, table, starts)
+    trapped = any(isinstance(failure, TrappedError) for failure in failures)
+    if not optima and trapped:
+        rescued, _ = _optima(problem, table, starts, in_log_range=True)
+        inside, _ = _optima(problem, table, [(o.poses, o.landmarks) for o in rescued])
+        optima = inside or rescued
+    if not optima:
+        raise UnsolvedError(str(failures[0]).strip().splitlines()[0]) from failures[0]
+    best = min(optima, key=lambda optimum: optimum.error)
+    return _estimate(problem, table, best, evidence)
+
+
+@dataclass(frozen=True)
+class _Optimum:
+    """Where the optimiser stopped, after the checks."""
+
+    error: float
+    values: gtsam.Values
+    steps: FloatArray
+    poses: FloatArray
+    landmarks: FloatArray
+    residuals: FloatArray
+
+
+def _optima(
+    problem: Problem,
+    table: IntArray,
+    starts: Sequence[tuple[FloatArray, FloatArray]],
+    *,
+    in_log_range: bool = False,
+) -> tuple[list[_Optimum], list[Exception]]:
+    """Sound optima reached from the starts, and why the others are none."""
+    optima: list[_Optimum] = []
+    failures: list[Exception] = []
+    for poses, landmarks in starts:
         try:
-            error, values, steps = _optimise(problem, table, poses, landmarks)
+            optima.append(_optimise(problem, table, poses, landmarks, in_log_range))
         except (RuntimeError, UnsolvedError) as cause:  # GTSAM's own errors are RuntimeErrors
-            failures.append(str(cause).strip().splitlines()[0])
-            continue
-        if best is None or error < best[0]:
-            best = error, values, steps
-    if best is None:
-        raise UnsolvedError(f"the optimiser failed: {failures[0]}")
-    return _estimate(problem, table, best[1], best[2], evidence)
+            failures.append(cause)
+    return optima, failures
 
 
 def _optimise(
-    problem: Problem, table: IntArray, poses: FloatArray, landmarks: FloatArray
-) -> tuple[float, gtsam.Values, FloatArray]:
-    """Levenberg-Marquardt, repeated until the linearised step priors stand still."""
+    problem: Problem,
+    table: IntArray,
+    poses: FloatArray,
+    landmarks: FloatArray,
+    in_log_range: bool,
+) -> _Optimum:
+    """Levenberg-Marquardt, repeated until the linearised factors stand still.
+
+    Those are the step priors and, with `in_log_range`, the volumes that turn each landmark's
+    density over position into one over bearing and log range, whose optimum is never on a pose.
+    """
     keys = graph_keys(len(problem.scans), len(table))
-    steps = _steps(problem, poses)
-    graph = build_graph(problem, table, steps)
-    first_step_factor = graph.size() - len(steps)
+    sightings = problem.sightings(table)
     values = make_values(poses, landmarks)
     parameters = gtsam.LevenbergMarquardtParams.CeresDefaults()
-    for _ in range(MAX_STEP_UPDATES):
-        optimiser = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
-        values = optimiser.optimize()
-        before, steps = steps, _steps(problem, _poses(values, keys))
-        if np.all(np.abs(steps - before) <= STEP_TOLERANCE * before):
+    for _ in range(MAX_RANGE_RELINEARISATIONS if in_log_range else MAX_RELINEARISATIONS):
+        steps, ranges = _steps(problem, poses), _ranges(sightings, poses, landmarks)
+        graph = build_graph(problem, table, steps)
+        if in_log_range:
+            anchors = ranges.argmin(axis=1)
+            for key, scan, nearest in zip(keys.landmarks, anchors, ranges.min(axis=1), strict=True):
+                graph.push_back(factors.log_range_volume(keys.scans[scan], key, nearest))
+        values = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
+        poses = _poses(values, keys)
+        landmarks = np.array([values.atPoint2(key) for key in keys.landmarks]).reshape(-1, 2)
+        _check_ranges(problem, sightings, poses, landmarks)
+        moved = np.abs(_steps(problem, poses) / steps - 1.0).max(initial=0.0)
+        if in_log_range:
+            approach = _ranges(sightings, poses, landmarks)[sightings.seen] / ranges[sightings.seen]
+            moved = max(moved, np.abs(approach - 1.0).max(initial=0.0))
+        if moved <= RELINEARISED:
             break
-        for i, factor in enumerate(step_factors(problem, keys, steps)):
-            graph.replace(first_step_factor + i, factor)
+    graph = build_graph(problem, table, _steps(problem, poses))
     error = graph.error(values)
-    if not math.isfinite(error):
-        raise UnsolvedError("the optimiser ended at an error that is not finite")
-    return error, values, steps
+    if not (math.isfinite(error) and np.isfinite(poses).all() and np.isfinite(landmarks).all()):
+        raise UnsolvedError("the optimiser ended at numbers that are not finite")
+    residuals = _residuals(sightings, poses, landmarks)
+    _check_sides(problem, sightings, residuals, poses)
+    return _Optimum(error, values, steps, poses, landmarks, residuals)
 
 
 def _estimate(
-    problem: Problem,
-    table: IntArray,
-    values: gtsam.Values,
-    steps: FloatArray,
-    evidence: EvidenceMethod,
+    problem: Problem, table: IntArray, optimum: _Optimum, evidence: EvidenceMethod
 ) -> Estimate:
-    keys = graph_keys(len(problem.scans), len(table))
-    poses = _poses(values, keys)
-    landmarks = np.array([values.atPoint2(key) for key in keys.landmarks]).reshape(-1, 2)
-    if not (np.isfinite(poses).all() and np.isfinite(landmarks).all()):
-        raise UnsolvedError("the estimate is not finite")
     sightings = problem.sightings(table)
-    residuals = _residuals(sightings, poses, landmarks)
-    _check_sides(problem, sightings, residuals, poses)
+    poses, residuals, steps = optimum.poses, optimum.residuals, optimum.steps
     try:
-        approximation = laplace(build_graph(problem, table, steps), values)
+        approximation = laplace(build_graph(problem, table, steps), optimum.values)
     except SingularGraphError as cause:
         raise UnsolvedError(str(cause)) from cause
     landmark_covariances, joint = _split_covariance(approximation.covariance, poses)
@@ -151,7 +199,7 @@ def _estimate(
         log_evidence = approximation.log_evidence + prior_outside_graph(problem, steps)
     return Estimate(
         poses=poses,
-        landmarks=landmarks,
+        landmarks=optimum.landmarks,
         steps=steps,
         log_likelihood=_log_likelihood(sightings, residuals),
         log_evidence=log_evidence,
@@ -202,6 +250,12 @@ def _steps(problem: Problem, poses: FloatArray) -> FloatArray:
     return steps
 
 
+def _ranges(sightings: Sightings, poses: FloatArray, landmarks: FloatArray) -> FloatArray:
+    """(n, m) distances of landmarks from the poses that see them, infinite from others."""
+    distances = np.linalg.norm(landmarks[:, None] - poses[None, :, :2], axis=-1)
+    return np.where(sightings.seen, np.maximum(distances, 1e-9), np.inf)
+
+
 def _poses(values: gtsam.Values, keys: GraphKeys) -> FloatArray:
     return np.array([[p.x(), p.y(), p.theta()] for p in map(values.atPose2, keys.scans)])
 
@@ -232,6 +286,21 @@ def _check_sides(
         forward = np.array([math.cos(heading), math.sin(heading)])
         if float(forward @ (poses[b, :2] - poses[a, :2])) <= 0.0:
             raise UnsolvedError(f"the robot goes backwards from scan {a} to scan {b}")
+
+
+def _check_ranges(
+    problem: Problem, sightings: Sightings, poses: FloatArray, landmarks: FloatArray
+) -> None:
+    """A landmark on an observation point explains any bearing from there: a trap, not a place.
+
+    The density is bounded there and its volume is nothing, but optimisers slide into it as soon
+    as headings may deviate.
+    """
+    ranges = _ranges(sightings, poses, landmarks)
+    trapped = np.argwhere(ranges < NEAREST_RANGE * problem.baseline)
+    if len(trapped):
+        row, scan = trapped[0].tolist()
+        raise TrappedError(f"landmark {row} ends up on the observation point of scan {scan}")
 
 
 def _split_covariance(covariance: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
