@@ -165,7 +165,8 @@ def _optimise(
         values = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
         poses = _poses(values, keys)
         landmarks = np.array([values.atPoint2(key) for key in keys.landmarks]).reshape(-1, 2)
-        _check_ranges(problem, sightings, poses, landmarks)
+        if not in_log_range:
+            _check_ranges(problem, sightings, poses, landmarks)
         moved = np.abs(_steps(problem, poses) / steps - 1.0).max(initial=0.0)
         if in_log_range:
             approach = _ranges(sightings, poses, landmarks)[sightings.seen] / ranges[sightings.seen]
@@ -178,6 +179,7 @@ def _optimise(
         raise UnsolvedError("the optimiser ended at numbers that are not finite")
     residuals = _residuals(sightings, poses, landmarks)
     _check_sides(problem, sightings, residuals, poses)
+    _check_ranges(problem, sightings, poses, landmarks)
     return _Optimum(error, values, steps, poses, landmarks, residuals)
 
 
