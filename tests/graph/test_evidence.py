@@ -19,7 +19,7 @@ from mht_slam.simulation import Scene, simulate_scene
 from mht_slam.simulation.sensors import bearings_and_ranges
 
 WITHIN = 8.0
-MOST_CHECKED = 5
+MOST_CHECKED = 3
 
 
 def scene_of(kind: Any, n: int, model: ObservationModel, seed: int) -> Scene:
