@@ -1,1 +1,10 @@
-"""Matplotlib figures of cells, maps and comparisons."""
+"""Matplotlib figures of cells, maps and comparisons.
+
+Every function takes data and returns a `matplotlib.figure.Figure`; none touches pyplot, a display
+or a file. The caller saves: ``figure.savefig("cells.png")``.
+"""
+
+from mht_slam.plotting.frames import TrueLayout as TrueLayout
+from mht_slam.plotting.landmark_map import landmark_map_figure as landmark_map_figure
+from mht_slam.plotting.pair_cells import cells_figure as cells_figure
+from mht_slam.plotting.score_comparison import comparison_figure as comparison_figure
