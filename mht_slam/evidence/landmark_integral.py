@@ -65,7 +65,7 @@ def log_landmark_integral(
     pair = _best_pair(poses, rays, sigmas)
     if pair is not None:
         points, log_weights = _bearing_grid(poses, rays, sigmas, pair)
-        grids = [(points, log_weights, pair)]
+        grids: list[tuple[FloatArray, FloatArray, tuple[int, ...]]] = [(points, log_weights, pair)]
     else:
         anchors = _anchors(poses, rays)
         grids = [

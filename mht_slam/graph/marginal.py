@@ -68,8 +68,7 @@ def marginal_log_evidence(
     -------
     log Int p(X) prod_j E_j(X) dX over steps, and headings and lateral deviations where the model
     lets them vary; what it holds to `ZERO_SIGMA` is taken as exact. None where there are more than
-    `MAX_PARAMETERS` such unknowns, or where they are not well determined (curvature that is not
-    positive): plain Laplace has to do there.
+    `MAX_PARAMETERS` such unknowns, or where no grid covers the mass: plain Laplace has to do there.
 
     Source: docs/method.md, section 4.
     """
@@ -246,7 +245,7 @@ def _sum_of_sections(
     def standardised(points: FloatArray) -> FloatArray:
         return log_density(centre + points @ to_parameters.T)
 
-    nodes = np.arange(-FIRST_SECTIONS, FIRST_SECTIONS + 1)
+    nodes = np.arange(-FIRST_SECTIONS, FIRST_SECTIONS + 1, dtype=np.float64)
     values = _across(standardised, SECTION_STEP * nodes, len(centre) - 1)
     while np.isfinite(values).any():
         floor = values.max() - EDGE_DROP
@@ -256,8 +255,12 @@ def _sum_of_sections(
             return float(logsumexp(values)) + log_volume
         if len(nodes) > MAX_SECTIONS:
             return None
-        below = np.arange(low_end - FIRST_SECTIONS, low_end) if values[0] > floor else nodes[:0]
-        above = np.arange(high_end + 1, high_end + 1 + FIRST_SECTIONS)
+        below = (
+            np.arange(low_end - FIRST_SECTIONS, low_end, dtype=np.float64)
+            if values[0] > floor
+            else nodes[:0]
+        )
+        above = np.arange(high_end + 1, high_end + 1 + FIRST_SECTIONS, dtype=np.float64)
         above = above if values[-1] > floor else nodes[:0]
         more = _across(standardised, SECTION_STEP * np.concatenate([below, above]), len(centre) - 1)
         values = np.concatenate([more[: len(below)], values, more[len(below) :]])
