@@ -40,7 +40,7 @@ def place_labels(
     points = to_pixels(anchors)
     obstacles = points if avoid is None or not len(avoid) else np.vstack([points, to_pixels(avoid)])
     scale = figure.dpi / 72.0
-    frame = axes.get_window_extent()
+    frame = np.array(axes.get_window_extent().extents)
     taken: list[FloatArray] = []
     for anchor, point, text in zip(anchors.tolist(), points, texts, strict=True):
         label = axes.annotate(
@@ -64,7 +64,7 @@ def place_labels(
                 way = np.array([np.cos(direction), np.sin(direction)])
                 offset = distance * scale * way + half * np.sign(np.round(way, 6))
                 box = np.concatenate([point + offset - half, point + offset + half])
-                cost = _cost(box, taken, obstacles, frame.extents)
+                cost = _cost(box, taken, obstacles, frame)
                 if best is None or cost < best[0]:
                     best = (cost, offset, distance)
             if best is not None and best[0] == 0.0:

@@ -85,8 +85,6 @@ def landmark_map_figure(
     axes.plot(*true_points.T, "*", color=TRUTH_TONE, markersize=10, markeredgecolor=INK, zorder=7)
     base_names = [f"landmark {row}" for row in landmark_map.base]
     names = [f"{r.name} (base)" if r.name in base_names else r.name for r in regions]
-    shown = in_window(axes, places)
-    place_labels(axes, places[shown], [names[i] for i in shown], avoid=true_points)
     axes.set_xlabel("along the base, |base landmarks| = 1")
     axes.set_ylabel("left of the base, |base landmarks| = 1")
     axes.set_title(_title(landmark_map, hypothesis))
@@ -97,6 +95,8 @@ def landmark_map_figure(
         fontsize=9,
         frameon=False,
     )
+    shown = in_window(axes, places)
+    place_labels(axes, places[shown], [names[i] for i in shown], avoid=true_points)
     return figure
 
 

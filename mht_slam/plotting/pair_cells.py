@@ -167,7 +167,7 @@ def _nearest_points(polygons: np.typing.NDArray[np.object_]) -> FloatArray:
     """(k, 2) the point of each cell that is nearest to the middle of the baseline."""
     middle = shapely.Point(0.5, 0.0)
     lines = shapely.shortest_line(polygons, middle)
-    return shapely.get_coordinates(shapely.get_point(lines, 0)).reshape(-1, 2)
+    return np.asarray(shapely.get_coordinates(shapely.get_point(lines, 0)).reshape(-1, 2))
 
 
 def _label(
@@ -195,8 +195,7 @@ def _label(
 
 def _inside(cell: Any) -> FloatArray:
     """A point (2,) well inside a cell."""
-    point: FloatArray = shapely.get_coordinates(shapely.point_on_surface(cell))[0]
-    return point
+    return np.asarray(shapely.get_coordinates(shapely.point_on_surface(cell))[0])
 
 
 def _legend(has_hypothesis: bool, has_truth: bool) -> list[Patch | Line2D]:

@@ -59,13 +59,13 @@ def comparison_figure(comparison: Comparison, truth: Association | None = None) 
     _set_limits(axes, scores, floor if below.any() else lowest)
     if below.any():
         axes.axhline(0.5 * (floor + lowest), color="0.6", linewidth=0.8, linestyle=":")
-    labelled = [i for i, row in enumerate(rows) if _is_top(row)]
-    points = np.column_stack([scores, heights])
-    place_labels(axes, points[labelled], [_ranks(rows[i]) for i in labelled], avoid=points)
     axes.set_xlabel("polygon score (geometric mean of intersection ratios)")
     axes.set_ylabel("graph log evidence relative to the best, nats")
     axes.set_title(_title(comparison, len(comparison.rows) - len(rows)), fontsize=11)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    labelled = [i for i, row in enumerate(rows) if _is_top(row)]
+    points = np.column_stack([scores, heights])
+    place_labels(axes, points[labelled], [_ranks(rows[i]) for i in labelled], avoid=points)
     return figure
 
 

@@ -1,0 +1,98 @@
+"""What a run says on the screen: the one table, what agrees, and what was assumed."""
+
+from __future__ import annotations
+
+import math
+
+from rich.console import Console
+from rich.table import Table
+
+from mht_slam.association import Association
+from mht_slam.cli.results import describe_association
+from mht_slam.comparison import Comparison
+from mht_slam.hypotheses import Ranking
+from mht_slam.pipeline import Solution
+
+ROWS_SHOWN = 15
+"""Rows of the table on the screen; table.csv has them all."""
+
+
+def print_report(
+    console: Console, solution: Solution, truth: Association | None, *, own_sigmas: bool
+) -> None:
+    """Print the table of hypotheses, what agrees, and every prior.
+
+    `own_sigmas` says that a scan states its own sigma, which goes before the model's.
+    """
+    if not len(solution.ranking):
+        console.print(_nothing(solution.ranking), soft_wrap=True)
+        return
+    console.print(_table(solution.comparison, truth))
+    hidden = len(solution.comparison.rows) - ROWS_SHOWN
+    if hidden > 0:
+        console.print(f"… and {hidden} more in table.csv")
+    console.print(agreement(solution.comparison, truth), soft_wrap=True)
+    console.print(f"Assumed: {solution.posterior.model.describe()}.", soft_wrap=True)
+    console.print("Probabilities are over the associations refined, not over all there are.")
+    if own_sigmas:
+        console.print("Scans that state their own sigma were weighed with it.")
+
+
+def agreement(comparison: Comparison, truth: Association | None) -> str:
+    """Say in one line what the two scores agree on, and where the truth stands."""
+    verb = "agree on" if comparison.top1_agree else "differ on"
+    line = f"Polygon score and graph evidence {verb} the first hypothesis"
+    if comparison.kendall_tau is not None:
+        line += f"; Kendall's tau-b {comparison.kendall_tau:.2f}"
+    if truth is None:
+        return line + "; the truth is not known."
+    if comparison.truth_evidence_rank is None:
+        return line + "; the truth is not among the candidates."
+    polygon = comparison.truth_polygon_rank
+    return (
+        line + f"; the truth ranks {polygon} by polygon, {comparison.truth_evidence_rank} by graph."
+    )
+
+
+def _table(comparison: Comparison, truth: Association | None) -> Table:
+    table = Table(title="Hypotheses, most probable first")
+    table.add_column("association\n(detections per landmark)", no_wrap=True)
+    for heading in (
+        "polygon\nscore",
+        "polygon\nrank",
+        "graph log\nlikelihood",
+        "graph log\nevidence",
+        "probability",
+        "evidence\nrank",
+    ):
+        table.add_column(heading, justify="right")
+    if truth is not None:
+        table.add_column("truth", justify="center")
+    for row in comparison.rows[:ROWS_SHOWN]:
+        cells = [
+            describe_association(row.association),
+            "" if row.polygon_score is None else f"{row.polygon_score:.4f}",
+            "" if row.polygon_rank is None else f"{row.polygon_rank}",
+            _decimals(row.log_likelihood),
+            _decimals(row.log_evidence),
+            f"{row.probability:.4f}",
+            f"{row.evidence_rank}",
+        ]
+        if truth is not None:
+            cells.append("truth" if row.association.exact(truth) else "")
+        table.add_row(*cells)
+    return table
+
+
+def _decimals(value: float) -> str:
+    return f"{value:.2f}" if math.isfinite(value) else "no estimate"
+
+
+def _nothing(ranking: Ranking) -> str:
+    return (
+        f"No association has a positive polygon score with epsilon "
+        f"{math.degrees(ranking.epsilon):g} deg and max_range "
+        f"{ranking.options.get('max_range', math.nan):g} baselines: noise beyond epsilon, a "
+        "landmark beyond max_range, or base cells that overlap. Try a larger --epsilon-deg or "
+        "--max-range."
+    )

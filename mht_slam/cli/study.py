@@ -1,0 +1,143 @@
+"""The main job behind `demo` and `solve`: rank, refine, compare, then report, tables, figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from mht_slam.association import Association
+from mht_slam.cli.options import MethodOptions, OutputOptions
+from mht_slam.cli.run_folder import run_folder
+from mht_slam.measurements import RunPair, StraightRun
+from mht_slam.progress import Progress as ProgressCallback
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from mht_slam.pipeline import Solution
+    from mht_slam.plotting import TrueLayout
+
+
+@dataclass(frozen=True)
+class Study:
+    """One run to be solved, and what is true of it where that is known.
+
+    Attributes
+    ----------
+    command, configuration : what goes into the folder's name and its configuration.json.
+    scans : three scans of a `StraightRun`; a `RunPair` is taken whole.
+    truth, layout : over the scans that are solved; both may be None.
+    """
+
+    command: str
+    run: StraightRun | RunPair
+    scans: tuple[int, int, int]
+    truth: Association | None
+    layout: TrueLayout | None
+    configuration: dict[str, Any]
+
+
+def run_study(
+    study: Study, method: MethodOptions, output: OutputOptions, console: Console
+) -> Solution:
+    """Solve the study, print its report and leave its folder. Raises what the steps raise."""
+    # GTSAM and matplotlib take seconds to load; `--help` shall not wait for them.
+    from mht_slam.cli.report import print_report
+    from mht_slam.cli.results import write_results
+
+    configuration = {**study.configuration, "model": _model_entry(study, method)}
+    with run_folder(output.output, study.command, configuration) as folder:
+        solution = _solve(study, method)
+        members = [study.run.scans[i] for i in solution.ranking.scans]
+        write_results(folder, solution, members, study.truth)
+        for name, figure in _figures(study, method, solution):
+            _save(figure, folder / f"{name}.{output.figure_format}")
+    own_sigmas = any(scan.sigma is not None for scan in study.run.scans)
+    print_report(console, solution, study.truth, own_sigmas=own_sigmas)
+    console.print(f"Results: {folder}", soft_wrap=True)
+    return solution
+
+
+def _solve(study: Study, method: MethodOptions) -> Solution:
+    """Rank, refine, compare: `mht_slam.solve` with a bar each and max_range free."""
+    from mht_slam import compare, rank, refine
+    from mht_slam.pipeline import Solution
+
+    model = method.model()
+    with _progress_bar("ranking") as progress:
+        ranking = rank(
+            study.run,
+            epsilon=method.epsilon,
+            top_k=method.top_k,
+            max_range=method.max_range,
+            scans=study.scans,
+            progress=progress,
+        )
+    with _progress_bar("refining") as progress:
+        posterior = refine(study.run, ranking, model=model, progress=progress)
+    return Solution(ranking, posterior, compare(ranking, posterior, study.truth))
+
+
+def _figures(
+    study: Study, method: MethodOptions, solution: Solution
+) -> Iterator[tuple[str, Figure]]:
+    from mht_slam.plotting import cells_figure, comparison_figure, landmark_map_figure
+
+    best = solution.posterior[0] if len(solution.posterior) else None
+    yield (
+        "cells",
+        cells_figure(
+            study.run,
+            epsilon=method.epsilon,
+            max_range=method.max_range,
+            scans=study.scans,
+            association=None if best is None else best.association,
+            truth=study.layout,
+        ),
+    )
+    if best is None:
+        return
+    ranked = next(h for h in solution.ranking if h.association == best.association)
+    if ranked.map_in_landmark_frame is not None:
+        yield (
+            "landmark-frame",
+            landmark_map_figure(ranked.map_in_landmark_frame, best, truth=study.layout),
+        )
+    yield "comparison", comparison_figure(solution.comparison, study.truth)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    figure.savefig(path, dpi=150)
+
+
+def _model_entry(study: Study, method: MethodOptions) -> dict[str, Any]:
+    """Everything assumed, and which scans bring their own sigma instead."""
+    own = [i for i, scan in enumerate(study.run.scans) if scan.sigma is not None]
+    return {**method.model().to_dict(), "scans_with_own_sigma": own}
+
+
+@contextmanager
+def _progress_bar(text: str) -> Iterator[ProgressCallback]:
+    """Draw a bar on stderr, and nothing where that is no terminal."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bars:
+        task = bars.add_task(text, total=None)
+
+        def update(done: int, total: int) -> None:
+            bars.update(task, completed=done, total=total)
+
+        yield update
