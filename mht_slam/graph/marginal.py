@@ -277,7 +277,8 @@ def _across(log_density: LogDensity, nodes: FloatArray, k: int) -> FloatArray:
     """
     i, j = np.triu_indices(k, 1)
     units = STENCIL * np.eye(k)
-    stencil = np.concatenate([np.zeros((1, k)), units, -units, units[i] + units[j]])
+    same, opposite = units[i] + units[j], units[i] - units[j]
+    stencil = np.concatenate([np.zeros((1, k)), units, -units, same, -same, opposite, -opposite])
     result = np.full(len(nodes), -np.inf)
     place = np.zeros((len(nodes), k))
     active = np.arange(len(nodes))
@@ -291,11 +292,9 @@ def _across(log_density: LogDensity, nodes: FloatArray, k: int) -> FloatArray:
         at, plus, minus = values[:, :1], values[:, 1 : k + 1], values[:, k + 1 : 2 * k + 1]
         gradient = (plus - minus) / (2.0 * STENCIL)
         curvature = (2.0 * at - plus - minus) / STENCIL**2
-        # f(+i, +j) - f(0) = s (g_i + g_j) - s^2 (H_ii + H_jj + 2 H_ij) / 2
-        linear = STENCIL * (gradient[:, i] + gradient[:, j])
-        square = 0.5 * STENCIL**2 * (curvature[:, i] + curvature[:, j])
         hessian = curvature[:, :, None] * np.eye(k)
-        mixed = (linear - square - (values[:, 2 * k + 1 :] - at)) / STENCIL**2
+        corners = values[:, 2 * k + 1 :].reshape(len(values), 4, len(i))
+        mixed = (corners[:, 2:].sum(axis=1) - corners[:, :2].sum(axis=1)) / (4.0 * STENCIL**2)
         hessian[:, i, j] = hessian[:, j, i] = mixed
         eigenvalues, vectors = np.linalg.eigh(hessian)
         eigenvalues = np.maximum(eigenvalues, FLATTEST)
