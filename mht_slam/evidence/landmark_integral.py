@@ -25,8 +25,13 @@ BEARING_STEP = 1.2
 
 A trapezoidal sum over a Gaussian of unit width is off by exp(-2 pi^2 / step^2): a millionth.
 """
-LOG_RANGE_STEP = 0.09
-"""Grid step in the logarithm of the range, divided by the root of the other sightings."""
+LOG_RANGE_STEP = 1.1
+"""Grid step in the log range, divided by the parallax in sigmas and the root of other sightings.
+
+The parallax of a point changes by itself per unit of log range, and counts as `PARALLAX_MARGIN`
+sigmas larger than seen, for the bearings' errors.
+"""
+PARALLAX_MARGIN = 4.0
 MIN_PARALLAX = 8.0
 """Parallax, in its standard deviations, from which two bearings are good coordinates."""
 SAME_WAY = 0.9
@@ -163,7 +168,7 @@ def _range_grid(
     nearest = MIN_RANGE * prior_sigma
     if len(anchors) == 1:
         nearest = min(max(nearest, _nearest_seen(poses, rays, sigmas, anchor)), 0.5 * farthest)
-    log_step = LOG_RANGE_STEP / math.sqrt(max(len(sigmas) - 1, 1))
+    log_step = _log_range_step(rays, sigmas)
     count = math.ceil(math.log(farthest / nearest) / log_step)
     log_range = math.log(farthest) - log_step * np.arange(count)[::-1]
     alpha = rays[:, anchor, None, None] + sigmas[anchor] * t[:, None]
@@ -181,6 +186,16 @@ def _range_grid(
         own = -SHARE_POWER * log_range
         log_weights = log_weights + own - np.logaddexp.reduce(shares, axis=0)
     return np.stack([x, y], axis=-1), log_weights
+
+
+def _log_range_step(rays: FloatArray, sigmas: FloatArray) -> float:
+    """Grid step that resolves the likelihood along a ray."""
+    if len(sigmas) == 1:
+        return LOG_RANGE_STEP / PARALLAX_MARGIN
+    i, j = np.triu_indices(len(sigmas), 1)
+    apart = np.abs(np.sin(rays[:, i] - rays[:, j])) / np.hypot(sigmas[i], sigmas[j])
+    parallax = min(float(apart.max()), MIN_PARALLAX) + PARALLAX_MARGIN
+    return LOG_RANGE_STEP / (parallax * math.sqrt(len(sigmas) - 1))
 
 
 def _nearest_seen(poses: FloatArray, rays: FloatArray, sigmas: FloatArray, anchor: int) -> float:
@@ -218,6 +233,11 @@ def _log_prior(points: FloatArray, centre: tuple[float, float], sigma: float) ->
 def _log_bearing(points: FloatArray, pose: FloatArray, ray: FloatArray, sigma: float) -> FloatArray:
     """Log N(z; h(x), sigma) of points (Q, T, U, 2) seen from poses (Q, 3) along rays (Q,)."""
     origin = pose[:, None, None, :]
-    seen = np.arctan2(points[..., 1] - origin[..., 1], points[..., 0] - origin[..., 0])
-    z = wrap_angle(seen - ray[:, None, None]) / sigma
-    return np.asarray(-0.5 * z**2 - math.log(sigma * math.sqrt(2.0 * math.pi)))
+    residual = np.arctan2(points[..., 1] - origin[..., 1], points[..., 0] - origin[..., 0])
+    residual -= wrap_angle(ray)[:, None, None]
+    turns = np.rint(residual * (0.5 / math.pi))  # cheaper than wrap_angle on so many points
+    residual -= (2.0 * math.pi) * turns
+    residual *= residual
+    residual *= -0.5 / sigma**2
+    residual -= math.log(sigma * math.sqrt(2.0 * math.pi))
+    return residual

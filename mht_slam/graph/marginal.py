@@ -36,9 +36,9 @@ SHORTEST_MOVE = 0.2
 """Newton step with which a section's optimum counts as found, standard deviations."""
 LONGEST_MOVE = 2.0
 """Longest Newton step across a section, standard deviations."""
-SECTION_STEP = 0.7
+SECTION_STEP = 1.0
 """Distance between sections, standard deviations."""
-FIRST_SECTIONS = 6
+FIRST_SECTIONS = 4
 """Sections on either side of the optimum, and as many again wherever those do not reach."""
 MAX_SECTIONS = 80
 GRID_REACH = 6.0
