@@ -48,7 +48,7 @@ class MethodOptions:
         """Return the model behind the probabilities; raises `OptionError`."""
         sigma_deg = self.sigma_deg
         if sigma_deg is None:
-            sigma_deg = self.epsilon_deg / EPSILON_OVER_SIGMA
+            sigma_deg = math.degrees(self.epsilon) / EPSILON_OVER_SIGMA
         finite_number(sigma_deg, "sigma_deg", above=0.0, below=180.0)
         finite_number(self.heading_sigma_deg, "heading_sigma_deg", at_least=0.0, below=180.0)
         return ObservationModel(

@@ -66,8 +66,10 @@ def run_study(
 
 def _solve(study: Study, method: MethodOptions) -> Solution:
     """Rank, refine, compare: `mht_slam.solve` with a bar each and max_range free."""
-    from mht_slam import compare, rank, refine
+    from mht_slam.comparison import compare
+    from mht_slam.graph.refine import refine
     from mht_slam.pipeline import Solution
+    from mht_slam.polygon.ranking import rank
 
     model = method.model()
     with _progress_bar("ranking") as progress:
@@ -106,7 +108,7 @@ def _figures(
     ranked = next(h for h in solution.ranking if h.association == best.association)
     if ranked.map_in_landmark_frame is not None:
         yield (
-            "landmark-frame",
+            "landmark_frame",
             landmark_map_figure(ranked.map_in_landmark_frame, best, truth=study.layout),
         )
     yield "comparison", comparison_figure(solution.comparison, study.truth)

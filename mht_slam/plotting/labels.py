@@ -16,7 +16,7 @@ _DISTANCES = (6.0, 13.0, 24.0, 36.0, 50.0, 66.0)
 
 _DIRECTIONS = np.deg2rad([45.0, 135.0, -45.0, -135.0, 90.0, -90.0, 0.0, 180.0])
 _PADDING = 2.0
-_LINE_FROM = 20.0
+_LINE_FROM = 12.0
 """From this distance on, a thin line ties the label to its point."""
 
 
@@ -31,8 +31,9 @@ def place_labels(
     """Write `texts` beside `anchors` (k, 2), in data coordinates.
 
     Greedy: each label takes the nearest place that covers no earlier label, no anchor and none of
-    the points to `avoid` (j, 2), and stays inside the axes; where there is none, the one that
-    covers least. Call it last: the limits of the axes must stand.
+    the points to `avoid` (j, 2), is nearer to its own anchor than to any other, and stays inside
+    the axes; where there is none, the one that offends least. Call it last: the limits of the
+    axes must stand.
     """
     figure = cast("Figure", axes.figure)
     figure.draw_without_rendering()
@@ -65,6 +66,7 @@ def place_labels(
                 offset = distance * scale * way + half * np.sign(np.round(way, 6))
                 box = np.concatenate([point + offset - half, point + offset + half])
                 cost = _cost(box, taken, obstacles, frame)
+                cost += _mistakable(box, point, points)
                 if best is None or cost < best[0]:
                     best = (cost, offset, distance)
             if best is not None and best[0] == 0.0:
@@ -78,11 +80,19 @@ def place_labels(
 
 
 def _cost(box: FloatArray, taken: list[FloatArray], points: FloatArray, frame: FloatArray) -> float:
-    """Area of other labels covered, plus much for points covered and for leaving the frame."""
+    """What covering other labels, covering points and leaving the frame cost, in areas."""
     covered = sum(_overlap(box, other) for other in taken)
     inside = ((points > box[:2]) & (points < box[2:])).all(axis=1).sum()
     area = float(np.prod(box[2:] - box[:2]))
-    return float(covered + 0.5 * area * inside + 3.0 * (area - _overlap(box, frame)))
+    return float(20.0 * covered + 0.5 * area * inside + 3.0 * (area - _overlap(box, frame)))
+
+
+def _mistakable(box: FloatArray, own: FloatArray, anchors: FloatArray) -> float:
+    """A share of the label's area where it stands nearer to another's anchor than to its own."""
+    inside = np.clip(anchors, box[:2], box[2:])
+    nearest = float(np.linalg.norm(anchors - inside, axis=1).min())
+    own_distance = float(np.linalg.norm(own - np.clip(own, box[:2], box[2:])))
+    return 0.3 * float(np.prod(box[2:] - box[:2])) if nearest < own_distance - 1e-6 else 0.0
 
 
 def _overlap(a: FloatArray, b: FloatArray) -> float:

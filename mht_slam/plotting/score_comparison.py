@@ -49,7 +49,7 @@ def comparison_figure(comparison: Comparison, truth: Association | None = None) 
     heights = np.where(below, floor, relative)
     axes.plot(scores[~below & ~true], heights[~below & ~true], "o", color="0.45",
               markeredgecolor=INK, markersize=7, label="hypothesis")  # fmt: skip
-    if (below & ~true).any():
+    if below.any():
         axes.plot(scores[below & ~true], heights[below & ~true], "v", color="white",
                   markeredgecolor=INK, markersize=8,
                   label=_floor_label(int(below.sum()), rows))  # fmt: skip
