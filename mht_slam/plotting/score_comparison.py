@@ -24,9 +24,9 @@ def comparison_figure(comparison: Comparison, truth: Association | None = None) 
     """Draw polygon score against the graph's log evidence relative to the best.
 
     Hypotheses more than `EVIDENCE_SHOWN` nats below the best, or without an estimate, stand as
-    triangles on the floor, which says how many they are. The first few by either score carry
-    "polygon rank | evidence rank"; the truth, where given and listed, is a star. Rows without a
-    polygon score are left out and counted in the title.
+    triangles on the floor, and the legend says how many they are. The first few others by either
+    score carry "polygon rank | evidence rank"; the truth, where given and listed, is a star. Rows
+    without a polygon score are left out and counted in the title.
 
     Source: docs/method.md, sections 3 and 4.
     """
@@ -63,7 +63,7 @@ def comparison_figure(comparison: Comparison, truth: Association | None = None) 
     axes.set_ylabel("graph log evidence relative to the best, nats")
     axes.set_title(_title(comparison, len(comparison.rows) - len(rows)), fontsize=11)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
-    labelled = [i for i, row in enumerate(rows) if _is_top(row)]
+    labelled = [i for i, row in enumerate(rows) if _is_top(row) and (true[i] or not below[i])]
     points = np.column_stack([scores, heights])
     place_labels(axes, points[labelled], [_ranks(rows[i]) for i in labelled], avoid=points)
     return figure

@@ -133,6 +133,14 @@ def test_a_truth_on_the_floor_is_still_marked() -> None:
     assert any("1 more than 30 nats below" in text for text in texts)
 
 
+def test_hypotheses_that_all_failed_are_counted() -> None:
+    rows = (row(0.5, -math.inf, 1, [[0, 0, 0], [1, 1, 1], [2, 2, 2]]),)
+    figure = comparison_figure(Comparison(rows, None, False, None, None))
+    assert_legible(figure)
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert any("1 of them without an estimate" in text for text in texts)
+
+
 def test_nothing_to_compare_is_said() -> None:
     figure = comparison_figure(Comparison((), None, False, None, None))
     assert "no hypothesis" in figure.axes[0].texts[0].get_text()
