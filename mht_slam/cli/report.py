@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -55,19 +56,22 @@ def agreement(comparison: Comparison, truth: Association | None) -> str:
 
 
 def _table(comparison: Comparison, truth: Association | None) -> Table:
-    table = Table(title="Hypotheses, most probable first")
-    table.add_column("association\n(detections per landmark)", no_wrap=True)
+    table = Table(
+        title="Hypotheses, most probable first", box=box.SIMPLE_HEAD, padding=0, show_edge=False
+    )
+    # Only associations may be broken into lines: a number cut short is worse than none.
+    table.add_column("association,\nby landmark", overflow="fold")
     for heading in (
         "polygon\nscore",
         "polygon\nrank",
-        "graph log\nlikelihood",
-        "graph log\nevidence",
-        "probability",
-        "evidence\nrank",
+        "graph\nlog lik.",
+        "graph\nlog evid.",
+        "prob-\nability",
+        "graph\nrank",
     ):
-        table.add_column(heading, justify="right")
+        table.add_column(heading, justify="right", no_wrap=True)
     if truth is not None:
-        table.add_column("truth", justify="center")
+        table.add_column("truth", justify="center", no_wrap=True)
     for row in comparison.rows[:ROWS_SHOWN]:
         cells = [
             describe_association(row.association),
@@ -85,7 +89,7 @@ def _table(comparison: Comparison, truth: Association | None) -> Table:
 
 
 def _decimals(value: float) -> str:
-    return f"{value:.2f}" if math.isfinite(value) else "no estimate"
+    return f"{value:.2f}" if math.isfinite(value) else "none"
 
 
 def _nothing(ranking: Ranking) -> str:
