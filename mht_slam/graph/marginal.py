@@ -3,9 +3,8 @@
 Laplace's approximation over all unknowns treats a landmark's position as Gaussian. A landmark seen
 with little parallax is not: its range is skewed, and plain Laplace is off by whole nats where it
 matters. Given the poses the landmarks separate, so here each is integrated exactly
-(`mht_slam.evidence.landmark_integral`), and only the poses, which are few and well determined,
-are left. One unknown step is summed on a grid. Of more unknowns, the steps' least certain
-combination is, because a scale is skewed like a range; the others go by Laplace at each node.
+(`mht_slam.evidence.landmark_integral`), and only the poses, which are few, are left. A single
+unknown step is summed on a grid, more unknowns by importance sampling at fixed points.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from mht_slam.arrays import FloatArray, IntArray
+from mht_slam.evidence.importance import integrate
 from mht_slam.evidence.landmark_integral import log_landmark_integral
 from mht_slam.graph.problem import Problem
 from mht_slam.measurements import wrap_angle
@@ -26,21 +26,7 @@ LogDensity: TypeAlias = Callable[[FloatArray], FloatArray]
 """Log density of Q pose parameters, (Q, d) -> (Q,)."""
 
 MAX_PARAMETERS = 8
-"""Pose parameters beyond which the stencil costs more than it is worth."""
-STENCIL = 0.5
-"""Step of the second differences, in standard deviations of the graph's own Laplace."""
-FLATTEST = 0.1
-"""Least curvature across a section, in units of the graph's own."""
-NEWTON_STEPS = 5
-SHORTEST_MOVE = 0.2
-"""Newton step with which a section's optimum counts as found, standard deviations."""
-LONGEST_MOVE = 2.0
-"""Longest Newton step across a section, standard deviations."""
-SECTION_STEP = 1.0
-"""Distance between sections, standard deviations."""
-FIRST_SECTIONS = 4
-"""Sections on either side of the optimum, and as many again wherever those do not reach."""
-MAX_SECTIONS = 80
+"""Pose parameters beyond which a sampled integral costs more than it is worth."""
 GRID_REACH = 6.0
 """Half-width of the first grid over a single unknown, in standard deviations."""
 GRID_NODES = 25
@@ -84,7 +70,8 @@ def marginal_log_evidence(
 
     if len(centre) == 1:
         return _sum_on_grid(log_density, problem, float(centre[0]), math.sqrt(spread[0, 0]))
-    return _sum_of_sections(log_density, centre, spread, layout.principal_step(spread))
+    integral = integrate(log_density, centre, spread, layout.mirror())
+    return None if integral is None else integral.log_value
 
 
 class PoseLayout:
@@ -118,12 +105,17 @@ class PoseLayout:
             parts.append(wrap_angle(headings))
         return np.concatenate(parts)
 
-    def principal_step(self, spread: FloatArray) -> FloatArray:
-        """Return the (d,) combination of log steps that the (d, d) covariance leaves most open."""
-        steps = slice(3, 4) if self.problem.second_run is not None else slice(0, self.n_scans - 2)
-        axis = np.zeros(len(spread))
-        axis[steps] = np.linalg.eigh(spread[steps, steps])[1][:, -1]
-        return axis
+    def mirror(self) -> FloatArray:
+        """Return the (d,) signs that the parameters take when left and right are exchanged."""
+        if self.problem.second_run is not None:
+            signs = [1.0, -1.0, -1.0, 1.0]
+        else:
+            signs = [1.0] * (self.n_scans - 2)
+        if self.lateral:
+            signs += [-1.0] * (self.n_scans - 2)
+        if self.jitter:
+            signs += [-1.0] * self.n_scans
+        return np.array(signs)
 
     def poses(self, parameters: FloatArray) -> FloatArray:
         """Return the (Q, m, 3) poses of (Q, d) parameters."""
@@ -224,92 +216,6 @@ def _sum_on_grid(
         low = low - 0.5 * width if open_low else float(grid[inside[0]]) - step
         high = high + 0.5 * width if open_high else float(grid[inside[-1]]) + step
     return None
-
-
-def _sum_of_sections(
-    log_density: LogDensity, centre: FloatArray, spread: FloatArray, axis: FloatArray
-) -> float | None:
-    """Trapezoidal sum along `axis` of Laplace's approximations across it.
-
-    Works in coordinates in which the graph's own Laplace is a standard normal and the first one is
-    along `axis` (d,), a linear functional of the parameters. More sections are added until those
-    at both ends are negligible.
-    """
-    try:
-        root = np.linalg.cholesky(spread)
-    except np.linalg.LinAlgError:
-        return None
-    rotation = np.linalg.qr(np.column_stack([root.T @ axis, np.eye(len(centre))]))[0]
-    to_parameters = root @ rotation
-
-    def standardised(points: FloatArray) -> FloatArray:
-        return log_density(centre + points @ to_parameters.T)
-
-    nodes = np.arange(-FIRST_SECTIONS, FIRST_SECTIONS + 1, dtype=np.float64)
-    values = _across(standardised, SECTION_STEP * nodes, len(centre) - 1)
-    while np.isfinite(values).any():
-        floor = values.max() - EDGE_DROP
-        low_end, high_end = int(nodes[0]), int(nodes[-1])
-        if values[0] <= floor and values[-1] <= floor:
-            log_volume = float(np.linalg.slogdet(to_parameters)[1]) + math.log(SECTION_STEP)
-            return float(logsumexp(values)) + log_volume
-        if len(nodes) > MAX_SECTIONS:
-            return None
-        below = (
-            np.arange(low_end - FIRST_SECTIONS, low_end, dtype=np.float64)
-            if values[0] > floor
-            else nodes[:0]
-        )
-        above = np.arange(high_end + 1, high_end + 1 + FIRST_SECTIONS, dtype=np.float64)
-        above = above if values[-1] > floor else nodes[:0]
-        more = _across(standardised, SECTION_STEP * np.concatenate([below, above]), len(centre) - 1)
-        values = np.concatenate([more[: len(below)], values, more[len(below) :]])
-        nodes = np.concatenate([below, nodes, above])
-    return None
-
-
-def _across(log_density: LogDensity, nodes: FloatArray, k: int) -> FloatArray:
-    """(S,) log integrals over the last k coordinates, the first one held at each of S nodes.
-
-    Laplace's approximation about the section's optimum, found by Newton's method with derivatives
-    by differences over `STENCIL` standard deviations. What is left of the way there enters with
-    the gradient g: the quadratic model gains g H^-1 g / 2.
-    """
-    i, j = np.triu_indices(k, 1)
-    units = STENCIL * np.eye(k)
-    same, opposite = units[i] + units[j], units[i] - units[j]
-    stencil = np.concatenate([np.zeros((1, k)), units, -units, same, -same, opposite, -opposite])
-    result = np.full(len(nodes), -np.inf)
-    place = np.zeros((len(nodes), k))
-    active = np.arange(len(nodes))
-    for _ in range(NEWTON_STEPS):
-        offsets = place[active, None, :] + stencil
-        first = np.broadcast_to(nodes[active, None, None], (*offsets.shape[:2], 1))
-        points = np.concatenate([first, offsets], axis=2).reshape(-1, k + 1)
-        values = log_density(points).reshape(offsets.shape[:2])
-        usable = np.isfinite(values).all(axis=1)
-        active, values = active[usable], values[usable]
-        at, plus, minus = values[:, :1], values[:, 1 : k + 1], values[:, k + 1 : 2 * k + 1]
-        gradient = (plus - minus) / (2.0 * STENCIL)
-        curvature = (2.0 * at - plus - minus) / STENCIL**2
-        hessian = curvature[:, :, None] * np.eye(k)
-        corners = values[:, 2 * k + 1 :].reshape(len(values), 4, len(i))
-        mixed = (corners[:, 2:].sum(axis=1) - corners[:, :2].sum(axis=1)) / (4.0 * STENCIL**2)
-        hessian[:, i, j] = hessian[:, j, i] = mixed
-        eigenvalues, vectors = np.linalg.eigh(hessian)
-        eigenvalues = np.maximum(eigenvalues, FLATTEST)
-        move = np.einsum(
-            "sij,sj->si", vectors, np.einsum("sji,sj->si", vectors, gradient) / eigenvalues
-        )
-        length = np.linalg.norm(move, axis=1)
-        gain = np.where(length <= LONGEST_MOVE, 0.5 * (gradient * move).sum(axis=1), 0.0)
-        log_width = 0.5 * (math.log(2.0 * math.pi) - np.log(eigenvalues)).sum(axis=1)
-        result[active] = at[:, 0] + gain + log_width
-        place[active] += move * np.minimum(1.0, LONGEST_MOVE / np.maximum(length, 1e-12))[:, None]
-        active = active[(length > SHORTEST_MOVE) & (result[active] > result.max() - 2 * EDGE_DROP)]
-        if len(active) == 0:
-            break
-    return result
 
 
 def _numerical_jacobian(function: Callable[[FloatArray], FloatArray], at: FloatArray) -> FloatArray:
