@@ -35,6 +35,7 @@ def solve(
     lateral_sigma: float = 0.0,
     model: ObservationModel | None = None,
     evidence: EvidenceMethod = "marginal",
+    max_range: float = 100.0,
     scans: tuple[int, int, int] = (0, 1, 2),
     truth: Association | None = None,
     progress: Progress | None = None,
@@ -49,6 +50,7 @@ def solve(
     top_k : how many of the ranked associations are refined; None means all with a positive score.
     scale : length of the first baseline in metres, if known.
     heading_sigma, lateral_sigma, model, evidence : as in `mht_slam.refine`.
+    max_range : baselines of each pair of scans at which the polygon method cuts its cells.
     scans : three scans of a straight run.
     truth : the true association over these scans, for the comparison only.
     progress : called as ``progress(done, total)`` during refinement.
@@ -58,9 +60,9 @@ def solve(
     Source: docs/method.md, sections 3 and 4.
     """
     if isinstance(run, RunPair):
-        ranking = rank(run, epsilon=epsilon, top_k=top_k)
+        ranking = rank(run, epsilon=epsilon, top_k=top_k, max_range=max_range)
     else:
-        ranking = rank(run, epsilon=epsilon, top_k=top_k, scans=scans)
+        ranking = rank(run, epsilon=epsilon, top_k=top_k, max_range=max_range, scans=scans)
     posterior = refine(
         run,
         ranking,

@@ -50,10 +50,21 @@ def run_study(
     # GTSAM and matplotlib take seconds to load; `--help` shall not wait for them.
     from mht_slam.cli.report import print_report
     from mht_slam.cli.results import write_results
+    from mht_slam.pipeline import solve
 
     configuration = {**study.configuration, "model": _model_entry(study, method)}
     with run_folder(output.output, study.command, configuration) as folder:
-        solution = _solve(study, method)
+        with _progress_bar("refining") as progress:
+            solution = solve(
+                study.run,
+                epsilon=method.epsilon,
+                top_k=method.top_k,
+                model=method.model(),
+                max_range=method.max_range,
+                scans=study.scans,
+                truth=study.truth,
+                progress=progress,
+            )
         members = [study.run.scans[i] for i in solution.ranking.scans]
         write_results(folder, solution, members, study.truth)
         for name, figure in _figures(study, method, solution):
@@ -62,28 +73,6 @@ def run_study(
     print_report(console, solution, study.truth, own_sigmas=own_sigmas)
     console.print(f"Results: {folder}", soft_wrap=True)
     return solution
-
-
-def _solve(study: Study, method: MethodOptions) -> Solution:
-    """Rank, refine, compare: `mht_slam.solve` with a bar each and max_range free."""
-    from mht_slam.comparison import compare
-    from mht_slam.graph.refine import refine
-    from mht_slam.pipeline import Solution
-    from mht_slam.polygon.ranking import rank
-
-    model = method.model()
-    with _progress_bar("ranking") as progress:
-        ranking = rank(
-            study.run,
-            epsilon=method.epsilon,
-            top_k=method.top_k,
-            max_range=method.max_range,
-            scans=study.scans,
-            progress=progress,
-        )
-    with _progress_bar("refining") as progress:
-        posterior = refine(study.run, ranking, model=model, progress=progress)
-    return Solution(ranking, posterior, compare(ranking, posterior, study.truth))
 
 
 def _figures(

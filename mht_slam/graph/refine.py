@@ -56,7 +56,7 @@ def refine(
     model : everything assumed. `sigma`, `heading_sigma` and `lateral_sigma`, where given, replace
         its fields. Without a model the rest of `ObservationModel` has its defaults.
     evidence : how the evidence integral is taken about the graph's optimum. "marginal" integrates
-        every landmark exactly, sums over a step, and takes other unknowns of the poses by Laplace;
+        every landmark exactly, a single step by a sum, more unknowns of the poses by sampling;
         "laplace" is Laplace's approximation over everything, from GTSAM's Hessian, and is also
         what hypotheses with a residual beyond six sigma get.
     scale : length of the first baseline in metres, if known; the result is then in metres.
