@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mht_slam import __version__
-from mht_slam.cli import study
+from mht_slam import __version__, pipeline
 from mht_slam.cli.main import main
 from mht_slam.datasets import read_scans
 
@@ -314,10 +313,10 @@ def test_options_that_would_be_ignored_or_make_no_sense_are_refused(
 def test_an_interrupt_ends_quietly(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(*_: object) -> None:
+    def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(study, "_solve", interrupted)
+    monkeypatch.setattr(pipeline, "solve", interrupted)
     assert main(["demo", "--output", str(tmp_path)]) == 130
     assert capsys.readouterr().err == "mht-slam: interrupted\n"
     assert list(tmp_path.iterdir()) == []
