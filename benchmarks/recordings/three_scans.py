@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from rich.console import Console
 from rich.progress import track
 
 import mht_slam as ms
@@ -40,7 +41,7 @@ SEED_EPSILONS_DEG = (3.0, 5.0, 10.0)
 One is not enough: a small vision error loses a truth whose headings wandered, a large one makes
 base cells overlap.
 """
-N_SEEDS = 50
+N_SEEDS = 20
 SEED_MAX_RANGE = 300.0
 N_ALL = 3
 """Most landmarks for which the graph also weighs all associations, 36 of them, not only seeds."""
@@ -85,8 +86,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"three_scans: {error}", file=sys.stderr)
         return 2
     jobs = list(enumerate(runs))[: options.limit]
+    console = Console(stderr=True)
     with ProcessPoolExecutor(options.workers) as pool:
-        results = track(pool.map(study_segment, jobs), "segments", total=len(jobs))
+        answers = pool.map(study_segment, jobs)
+        results = track(answers, "segments", total=len(jobs), console=console)
         rows = [row for result in results for row in result]
     options.output.mkdir(parents=True, exist_ok=True)
     write_rows(options.output / "rows.csv", rows)

@@ -22,7 +22,7 @@ from mht_slam.arrays import FloatArray, freeze
 LogFunction: TypeAlias = Callable[[FloatArray], FloatArray]
 """Logarithm of the integrand at Q points, (Q, d) -> (Q,); -inf where it vanishes."""
 
-N_POINTS = 256
+N_POINTS = 128
 """Points drawn about each mode, half of them mirrored."""
 DEGREES_OF_FREEDOM = 5.0
 """Of the t distributions: tails heavier than those of any posterior met."""
@@ -30,7 +30,7 @@ INFLATION = 1.15
 """The proposal is this much wider than the mode's Laplace approximation."""
 ENOUGH = 0.3
 """Effective share of the points from which no further mode is looked for."""
-MAX_MODES = 4
+MAX_MODES = 3
 STENCIL = 0.5
 """Step of the differences in Newton's method, in standard deviations of the first guess."""
 FLATTEST = 0.05
