@@ -29,6 +29,10 @@ class UnequalScansError(MhtSlamError, ValueError):
     """Scans of different length where every landmark must be seen in every scan."""
 
 
+class NoEstimateError(MhtSlamError, ValueError):
+    """A hypothesis that the factor graph could not solve, asked for its estimate."""
+
+
 class ScanFileError(MhtSlamError, ValueError):
     """A scan file that is malformed; the message names file, line and field."""
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from mht_slam.arrays import BoolArray, FloatArray, IntArray, finite_number, freeze
 from mht_slam.association import MISSED, Association
+from mht_slam.errors import NoEstimateError
 from mht_slam.models import ObservationModel
 
 if TYPE_CHECKING:
@@ -63,13 +64,15 @@ class RankedAssociation:
     ----------
     association : over the ranking's scans.
     score : geometric mean of the intersection ratios, in [0, 1].
-    base : rows of the association's table that carried F_L.
+    base : detections of the middle scan (of s2 for a `RunPair`) whose landmarks carried F_L; None
+        where the hypothesis has no such two, seen in every scan beside a third. Their rows of the
+        table are `map_in_landmark_frame`'s `base`.
     zero_reason : why the score is zero, or None when it is not.
     """
 
     association: Association
     score: float
-    base: tuple[int, int]
+    base: tuple[int, int] | None
     zero_reason: str | None = None
     _draw_map: Callable[[], LandmarkFrameMap] | None = field(
         default=None, repr=False, compare=False
@@ -131,15 +134,16 @@ class Ranking(Sequence[RankedAssociation]):
 class Hypothesis:
     """An association with its scores and its estimate from the factor graph.
 
-    Arrays are None where `failure` is not None. Frame: the run's, O1 = (0, 0) and O2 = (1, 0);
-    the unit is the posterior's.
+    Arrays are None where `failure` is not None. Frame: the run's (of a `RunPair` the first one's),
+    O1 = (0, 0) and O2 one baseline along +x; the unit is the posterior's.
 
     Attributes
     ----------
     association : over the posterior's scans.
     score : the polygon score, or None when the candidate came without one.
     log_likelihood : normalised bearing and false-alarm terms at the estimate, priors left out.
-    log_evidence : Laplace evidence with every normaliser; -inf for a failure.
+    log_evidence : evidence with every normaliser, taken as `refine` was asked to; -inf for a
+        failure.
     probability : over the candidates given.
     failure : why there is no estimate, or None.
     poses : (m, 3) x, y, theta of each scan.
@@ -168,10 +172,10 @@ class Hypothesis:
         """Return (NonlinearFactorGraph, Values, keys): go on in GTSAM from here.
 
         ``keys.scans[i]`` is the key of scan i's Pose2 and ``keys.landmarks[l]`` that of landmark
-        l's Point2; the values are the estimate. Raises `ValueError` for a failed hypothesis.
+        l's Point2; the values are the estimate. Raises `NoEstimateError` for a failed hypothesis.
         """
         if self._build_graph is None:
-            raise ValueError(f"the hypothesis has no estimate: {self.failure}")
+            raise NoEstimateError(f"the hypothesis has no estimate: {self.failure}")
         return self._build_graph()
 
 

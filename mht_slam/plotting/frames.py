@@ -65,7 +65,7 @@ def estimate_in_landmark_frame(
     `base` are the rows of its association at (0, 0) and (1, 0). The similarity depends on both
     base landmarks, so the covariance of z = (p - p1) / (p2 - p1) comes from the joint covariance
     of p, p1 and p2 that the graph's Hessian gives; the base landmarks end with none, and the
-    gauge drops out. Raises `ValueError` for a failed hypothesis. Source: docs/method.md,
+    gauge drops out. Raises `NoEstimateError` for a failed hypothesis. Source: docs/method.md,
     section 3.
     """
     graph, values, _ = hypothesis.to_gtsam()

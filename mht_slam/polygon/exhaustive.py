@@ -22,13 +22,12 @@ from mht_slam.polygon.enumeration import (
     too_many_hypotheses,
 )
 from mht_slam.polygon.tables import PairOfScans, ThirdLandmark, third_landmarks
+from mht_slam.progress import Progress
 
 MIN_LANDMARKS = 3
 """Two landmarks carry F_L; the third is the first that can be compared."""
 
 SCORE_DECIMALS = 12
-
-Progress = Callable[[int, int], None]
 
 _BLOCK = 1_000_000
 _PADDING = -1

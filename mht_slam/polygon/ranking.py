@@ -17,7 +17,6 @@ from mht_slam.polygon.enumeration import completions
 from mht_slam.polygon.exhaustive import (
     MIN_LANDMARKS,
     Problem,
-    Progress,
     cell_exists,
     exhaustive_search,
 )
@@ -25,9 +24,9 @@ from mht_slam.polygon.landmark_frame import REGIONS, base_cells_meet
 from mht_slam.polygon.ratio import RATIOS
 from mht_slam.polygon.tables import PairOfScans
 from mht_slam.polygon.unified_map import MapRecipe, draw_map
+from mht_slam.progress import Progress
 
 DEFAULT_SCANS = (0, 1, 2)
-_NO_ROW = -1
 _RIGHT_ANGLE = np.pi / 2.0
 
 
@@ -171,7 +170,7 @@ def _selection(
     """Scans of the columns, columns of the two pairs, and the column that names the landmarks."""
     if isinstance(run, StraightRun):
         return scan_selection(scans, len(run), exactly=3), ((0, 1), (1, 2)), 1
-    if tuple(scans) not in (DEFAULT_SCANS, (0, 1, 2, 3)):
+    if not isinstance(scans, Sequence) or tuple(scans) not in (DEFAULT_SCANS, (0, 1, 2, 3)):
         raise OptionError(f"scans is {scans!r}: a RunPair is ranked over all its scans, leave it")
     return (0, 1, 2, 3), ((0, 1), (2, 3)), 1
 
@@ -183,7 +182,7 @@ def _refining_columns(
         return ()
     if isinstance(run, RunPair):
         raise OptionError("refine_pair refines the map of a StraightRun: leave it for a RunPair")
-    if tuple(refine_pair) != (chosen[0], chosen[2]):
+    if not isinstance(refine_pair, Sequence) or tuple(refine_pair) != (chosen[0], chosen[2]):
         raise OptionError(
             f"refine_pair is {refine_pair!r}: give the first and the last scan ranked, "
             f"{(chosen[0], chosen[2])}"
@@ -224,25 +223,23 @@ def _ranked(
     full = table[(table != MISSED).all(axis=1)]
     seen = tuple(sorted(full[:, problem.middle].tolist()))
     base = problem.base_among(seen)
-    wanted = base or problem.base or (MISSED, MISSED)
-    column = table[:, problem.middle]
-    rows = (_row_of(column, wanted[0]), _row_of(column, wanted[1]))
-    no_frame = _why_no_frame(problem, table, seen, rows if base else None)
+    rows = None if base is None else _rows_of(table[:, problem.middle], base)
+    no_frame = _why_no_frame(problem, table, seen, rows)
     reason = None
     if score == 0.0:
         reason = no_frame or _why_zero(problem, table)
     return RankedAssociation(
         association=association,
         score=score,
-        base=rows,
+        base=base,
         zero_reason=reason,
-        _draw_map=None if no_frame else partial(draw_map, recipe, table, rows),
+        _draw_map=None if no_frame or rows is None else partial(draw_map, recipe, table, rows),
     )
 
 
-def _row_of(column: IntArray, detection: int) -> int:
-    rows = np.flatnonzero((column == detection) & (column != MISSED))
-    return int(rows[0]) if len(rows) else _NO_ROW
+def _rows_of(column: IntArray, base: tuple[int, int]) -> tuple[int, int]:
+    first, second = (int(np.flatnonzero(column == detection)[0]) for detection in base)
+    return first, second
 
 
 def _why_no_frame(

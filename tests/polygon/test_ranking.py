@@ -554,7 +554,9 @@ def test_a_given_base_is_kept_in_its_order() -> None:
     ranking = rank(easy_run(), epsilon=EPSILON, base=(2, 0))
     assert ranking.base == (2, 0)
     best = ranking[0]
-    assert best.association.table[list(best.base), 1].tolist() == [2, 0]
+    assert best.base == (2, 0)
+    rows = best.map_in_landmark_frame.base
+    assert best.association.table[list(rows), 1].tolist() == [2, 0]
 
 
 def test_a_given_base_that_is_not_fully_seen_scores_zero() -> None:
