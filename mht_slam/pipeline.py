@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 from mht_slam.association import Association
@@ -38,6 +39,7 @@ def solve(
     max_range: float = 100.0,
     scans: tuple[int, int, int] = (0, 1, 2),
     truth: Association | None = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Solution:
     """Rank associations by the polygon method, refine the best ones, and compare the two scores.
@@ -46,12 +48,12 @@ def solve(
     ----------
     run : bearings of look-alike landmarks.
     epsilon : vision error, the bound on a bearing's error, radians.
-    sigma : standard deviation of a bearing, radians.
+    sigma : standard deviation of a bearing, radians; a scan's own sigmas go before it.
     top_k : how many of the ranked associations are refined; None means all with a positive score.
     scale : length of the first baseline in metres, if known.
-    heading_sigma, lateral_sigma, model, evidence : as in `mht_slam.refine`.
+    heading_sigma, lateral_sigma, model, evidence, executor : as in `mht_slam.refine`.
     max_range : baselines of each pair of scans at which the polygon method cuts its cells.
-    scans : three scans of a straight run.
+    scans : three scans of a straight run; a `RunPair` uses all of its four.
     truth : the true association over these scans, for the comparison only.
     progress : called as ``progress(done, total)`` during refinement.
 
@@ -72,6 +74,7 @@ def solve(
         model=model,
         evidence=evidence,
         scale=scale,
+        executor=executor,
         progress=progress,
     )
     return Solution(ranking, posterior, compare(ranking, posterior, truth))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -40,6 +41,14 @@ def test_the_solution_is_what_its_parts_say() -> None:
     assert calls[-1] == (len(ranking), len(ranking))
     scores = {h.association: h.score for h in ranking}
     assert all(h.score == scores[h.association] for h in solution.posterior)
+
+
+def test_an_executor_refines_and_changes_nothing() -> None:
+    scene = paper_scene(np.random.default_rng(1), epsilon=EPSILON)
+    serial = solve(scene.run, epsilon=EPSILON, sigma=SIGMA)
+    with ThreadPoolExecutor(1) as executor:
+        pooled = solve(scene.run, epsilon=EPSILON, sigma=SIGMA, executor=executor)
+    assert pooled.posterior == serial.posterior
 
 
 def test_a_known_baseline_gives_metres() -> None:

@@ -23,7 +23,7 @@ from mht_slam.measurements import RunPair, StraightRun
 from mht_slam.models import ObservationModel
 from mht_slam.progress import Progress
 
-Candidates: TypeAlias = Ranking | Iterable[Association | RankedAssociation | Hypothesis]
+Candidates: TypeAlias = Ranking | Posterior | Iterable[Association | RankedAssociation | Hypothesis]
 
 CHUNK = 16
 """Candidates sent to a worker at a time."""
@@ -48,17 +48,18 @@ def refine(
     ----------
     run : the scans. Frame of the result: O1 at the origin, O2 at (1, 0); for a `RunPair` the
         frame of its first run.
-    candidates : a `Ranking` (its scans are used), or associations over all scans of the run. A
-        candidate given twice counts once.
+    candidates : a `Ranking` or a `Posterior` (its scans are used), or associations over all scans
+        of the run. A candidate given twice counts once.
     sigma : standard deviation of a bearing, radians; a scan's own sigmas go before it.
     heading_sigma : deviation of each heading from the direction of travel, radians.
     lateral_sigma : deviation of scans 3 and later from the line, baselines.
-    model : everything assumed. `sigma`, `heading_sigma` and `lateral_sigma`, where given, replace
-        its fields. Without a model the rest of `ObservationModel` has its defaults.
+    model : everything assumed. A `sigma`, and a `heading_sigma` or `lateral_sigma` other than
+        zero, replace its fields. Without a model the rest of `ObservationModel` has its defaults.
     evidence : how the evidence integral is taken about the graph's optimum. "marginal" integrates
         every landmark exactly, a single step by a sum, more unknowns of the poses by sampling;
         "laplace" is Laplace's approximation over everything, from GTSAM's Hessian, and is also
-        what hypotheses with a residual beyond six sigma get.
+        what hypotheses with a residual beyond six sigma, or with more than eight unknowns of the
+        poses, get.
     scale : length of the first baseline in metres, if known; the result is then in metres.
     executor : any `concurrent.futures.Executor`; None works in this process. The result does not
         depend on it.
@@ -69,9 +70,10 @@ def refine(
     The posterior. A candidate that cannot be solved stays in it with log evidence -inf,
     probability 0 and its `failure`.
 
-    Raises `OptionError` where no sigma is known, or where candidates differ in the numbers of
-    landmarks, misses or false alarms and the model does not say what those cost;
-    `AssociationError` for a candidate that is not over the run's scans.
+    Raises `OptionError` for a run, model, evidence or scale that is none, where no sigma is known,
+    or where candidates differ in the numbers of landmarks, misses or false alarms and the model
+    does not say what those cost; `AssociationError` for a candidate that is not over the run's
+    scans.
 
     Source: docs/method.md, section 4.
 
@@ -86,6 +88,8 @@ def refine(
     >>> posterior[0].association == keep, posterior[0].probability > 0.99
     (True, True)
     """
+    if not isinstance(run, StraightRun | RunPair):
+        raise OptionError(f"run is {type(run).__name__}: give a StraightRun or a RunPair")
     scans, pairs = _distinct(run, candidates)
     if evidence not in get_args(EvidenceMethod):
         raise OptionError(f"evidence is {evidence!r}: give one of {get_args(EvidenceMethod)}")
@@ -105,7 +109,18 @@ def _distinct(
     run: StraightRun | RunPair, candidates: Candidates
 ) -> tuple[tuple[int, ...], list[tuple[Association, float | None]]]:
     """Scan indices, and every different candidate with its polygon score."""
-    scans = candidates.scans if isinstance(candidates, Ranking) else tuple(range(len(run)))
+    scans = tuple(range(len(run)))
+    if isinstance(candidates, Ranking | Posterior):
+        if max(candidates.scans, default=-1) >= len(run):
+            raise AssociationError(
+                f"candidates are over scans {candidates.scans}, the run has scans 0 to "
+                f"{len(run) - 1}: give candidates of this run"
+            )
+        scans = candidates.scans
+    elif not isinstance(candidates, Iterable):
+        raise AssociationError(
+            f"candidates is {type(candidates).__name__}: give a Ranking, or a list of associations"
+        )
     expected = tuple(run.n_detections[i] for i in scans)
     scores: dict[Association, float | None] = {}
     for i, candidate in enumerate(candidates):
@@ -136,9 +151,9 @@ def _model(
 ) -> ObservationModel:
     if model is None:
         if sigma is None:
-            own = [run.scans[i].sigma for i in scans]
-            stated = [s for s in own if s is not None and len(s)]
-            if len(stated) < len(scans):
+            with_detections = [run.scans[i] for i in scans if len(run.scans[i])]
+            stated = [scan.sigma for scan in with_detections if scan.sigma is not None]
+            if not stated or len(stated) < len(with_detections):
                 raise OptionError(
                     "sigma is not known: give sigma= in radians, a model, or a sigma to every scan"
                 )
@@ -146,6 +161,8 @@ def _model(
         return ObservationModel(
             sigma=sigma, heading_sigma=heading_sigma, lateral_sigma=lateral_sigma
         )
+    if not isinstance(model, ObservationModel):
+        raise OptionError(f"model is {type(model).__name__}: give an ObservationModel")
     changes: dict[str, Any] = {}
     if sigma is not None:
         changes["sigma"] = sigma

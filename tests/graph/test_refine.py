@@ -12,9 +12,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mht_slam import Association, BearingScan, ObservationModel, Posterior, StraightRun, refine
+from mht_slam import (
+    Association,
+    BearingScan,
+    ObservationModel,
+    Posterior,
+    StraightRun,
+    rank,
+    refine,
+)
 from mht_slam.arrays import IntArray
-from mht_slam.errors import AssociationError, OptionError
+from mht_slam.errors import AssociationError, NoEstimateError, OptionError
 from mht_slam.hypotheses import RankedAssociation
 from mht_slam.simulation import Scene, simulate_pair, simulate_scene
 
@@ -212,7 +220,7 @@ def test_impossible_scans_give_numbers_or_reasons_but_never_nan(
                 assert array is not None and np.isfinite(array).all()
         else:
             assert h.failure and h.log_evidence == -math.inf and h.probability == 0.0
-            with pytest.raises(ValueError, match="no estimate"):
+            with pytest.raises(NoEstimateError, match="no estimate"):
                 h.to_gtsam()
 
 
@@ -280,6 +288,30 @@ def test_candidates_of_other_scans_or_types_are_refused() -> None:
         refine(scene.run, [[0, 0, 0]], sigma=SIGMA)  # type: ignore[list-item]
     with pytest.raises(OptionError, match="evidence"):
         refine(scene.run, [scene.truth], sigma=SIGMA, evidence="guess")  # type: ignore[arg-type]
+    with pytest.raises(AssociationError, match="list of associations"):
+        refine(scene.run, scene.truth, sigma=SIGMA)  # type: ignore[arg-type]
+    with pytest.raises(OptionError, match="run is tuple"):
+        refine(scene.scans, [scene.truth], sigma=SIGMA)  # type: ignore[arg-type]
+    with pytest.raises(OptionError, match="model is float"):
+        refine(scene.run, [scene.truth], model=SIGMA)  # type: ignore[arg-type]
+
+
+def test_a_posterior_is_refined_over_its_own_scans() -> None:
+    scene = a_scene()
+    longer = StraightRun([scene.scans[0], *scene.scans])
+    posterior = refine(longer, rank(longer, epsilon=0.05, scans=(1, 2, 3)), sigma=SIGMA)
+    again = refine(longer, posterior, sigma=SIGMA)
+    assert again.scans == posterior.scans == (1, 2, 3)
+    assert again.hypotheses == posterior.hypotheses
+    with pytest.raises(AssociationError, match="candidates of this run"):
+        refine(scene.run, posterior, sigma=SIGMA)
+
+
+def test_a_scan_without_detections_needs_no_sigma() -> None:
+    scans = [BearingScan(b, sigma=0.01) for b in ([0.5, 1.0, 2.0], [0.6, 1.2, 2.1])]
+    run = StraightRun([*scans, BearingScan([])])
+    candidate = Association([[0, 0, -1], [1, 1, -1], [2, 2, -1]], run.n_detections)
+    assert refine(run, [candidate]).model.sigma == 0.01
 
 
 def test_a_longer_run_is_solved_as_one() -> None:
