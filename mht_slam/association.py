@@ -165,6 +165,8 @@ class Association:
 
     def _pair_counts(self, truth: Association) -> tuple[int, int, int]:
         """Count the same-landmark pairs in both, in this one and in `truth`."""
+        if not isinstance(truth, Association):
+            raise AssociationError(f"truth is {type(truth).__name__}: give an Association")
         if self._n_detections != truth._n_detections:
             raise AssociationError(
                 f"the associations are over {self._n_detections} and {truth._n_detections} "

@@ -190,6 +190,8 @@ def test_a_table_that_is_no_partition_is_refused(table: Any, counts: Any, messag
 def test_associations_of_different_scans_are_not_compared() -> None:
     with pytest.raises(AssociationError, match="same scans"):
         Association([], (1, 2)).f1(Association([], (2, 1)))
+    with pytest.raises(AssociationError, match="truth is list"):
+        Association([], (1, 2)).exact([[0, 0]])  # type: ignore[arg-type]
 
 
 def test_from_labels_makes_equal_labels_one_landmark_and_none_a_false_alarm() -> None:

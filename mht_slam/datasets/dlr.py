@@ -29,8 +29,6 @@ FOLDER = "dlr"
 MAP_FILE = "map.circles"
 OBSERVATIONS_FILE = "observations.csv"
 SEGMENTS_FILE = "segments.csv"
-POSES_FILE = "reference_poses.csv"
-LANDMARKS_FILE = "reference_landmarks.csv"
 
 STEP_FIELDS = ("image", "dX", "dY", "dPhi", "cXX", "cXY", "cYY", "cXPhi", "cYPhi", "cPhiPhi")
 LANDMARK_FIELDS = ("pX", "pY", "quality", "cXX", "cXY", "cYY", "ID")
