@@ -39,6 +39,9 @@ NEWTON_STEPS = 12
 SHORTEST_MOVE = 0.3
 """Newton step with which a mode counts as found, standard deviations."""
 LONGEST_MOVE = 2.0
+DESCENT = 0.5
+"""Nats a Newton step may lose before it is halved: unchecked, steps leave a mode for good."""
+HALVINGS = 6
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,12 @@ def _find_mode(
         covariance = (vectors / np.maximum(curvatures, FLATTEST)) @ vectors.T
         move = covariance @ gradient
         length = float(np.linalg.norm(move))
-        place = place + move * min(1.0, LONGEST_MOVE / max(length, 1e-12))
+        move *= min(1.0, LONGEST_MOVE / max(length, 1e-12))
+        for _ in range(HALVINGS):
+            if log_function((near + root @ (place + move))[None])[0] >= at - DESCENT:
+                break
+            move *= 0.5
+        place = place + move
         if length <= SHORTEST_MOVE:
             break
     return near + root @ place, root @ _cholesky(covariance)
