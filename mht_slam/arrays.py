@@ -63,7 +63,10 @@ def finite_number(
     """Return `value` as a float inside the stated bounds, or raise `error` naming them."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise error(f"{name} is {value!r}: give a number")
-    number = float(value)
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number beyond every float
+        number = math.inf
     if not (math.isfinite(number) and above < number < below and at_least <= number <= at_most):
         bounds = [
             f"{word} {bound:g}"

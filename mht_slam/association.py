@@ -5,7 +5,7 @@ An association is a partition of all detections of some scans into landmarks and
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -52,13 +52,18 @@ class Association:
         """Build the association in which detections with equal labels are one landmark.
 
         `labels` holds one sequence per scan with one entry per detection: any hashable value, or
-        None for a false alarm.
+        None for a false alarm. Raises `AssociationError` for anything else, or a label that one
+        scan has twice.
         """
         rows: dict[object, list[int]] = {}
-        for scan, scan_labels in enumerate(labels):
+        for scan, scan_labels in enumerate(_label_lists(labels)):
             for detection, label in enumerate(scan_labels):
                 if label is None:
                     continue
+                if not isinstance(label, Hashable):
+                    raise AssociationError(
+                        f"labels[{scan}][{detection}] is {label!r}: give a hashable label or None"
+                    )
                 row = rows.setdefault(label, [MISSED] * len(labels))
                 if row[scan] != MISSED:
                     raise AssociationError(
@@ -66,7 +71,7 @@ class Association:
                         "one scan sees a landmark at most once"
                     )
                 row[scan] = detection
-        table = np.array(list(rows.values()), dtype=np.int64).reshape(-1, len(labels))
+        table = np.array(list(rows.values()), dtype=np.int64).reshape(len(rows), len(labels))
         return cls(table, [len(scan_labels) for scan_labels in labels])
 
     @property
@@ -127,7 +132,11 @@ class Association:
 
         Raises `AssociationError` for an index that does not exist.
         """
+        if isinstance(scans, str) or not isinstance(scans, Sequence | np.ndarray):
+            raise AssociationError(f"scans is {scans!r}: give a sequence of scan indices")
         for scan in scans:
+            if not isinstance(scan, int | np.integer):
+                raise AssociationError(f"scans names {scan!r}: give scan indices")
             if not 0 <= scan < self.n_scans:
                 raise AssociationError(
                     f"scans names scan {scan}: the association has scans 0 to {self.n_scans - 1}"
@@ -234,6 +243,15 @@ def respects_labels(association: Association, scans: Sequence[BearingScan]) -> b
             labels_of_row.setdefault(row, set()).add(label)
     one_row_each = all(len(rows_of) == 1 for rows_of in rows_of_label.values())
     return one_row_each and all(len(labels) == 1 for labels in labels_of_row.values())
+
+
+def _label_lists(labels: Sequence[Sequence[object]]) -> Sequence[Sequence[object]]:
+    if not isinstance(labels, Sequence):
+        raise AssociationError(f"labels is {type(labels).__name__}: give one sequence per scan")
+    for scan, scan_labels in enumerate(labels):
+        if not isinstance(scan_labels, Sequence | np.ndarray):
+            raise AssociationError(f"labels[{scan}] is {scan_labels!r}: give a label per detection")
+    return labels
 
 
 def _detection_counts(n_detections: Iterable[int]) -> tuple[int, ...]:

@@ -271,3 +271,19 @@ def test_a_known_landmark_is_no_false_alarm() -> None:
     scans = [BearingScan([0.1], labels=["a"]), BearingScan([0.1])]
     assert not respects_labels(Association([[-1, 0]], (1, 1)), scans)
     assert respects_labels(Association([[0, MISSED]], (1, 1)), scans)
+
+
+@pytest.mark.parametrize("labels", [None, [1, 2], [[["a"]]]])
+def test_labels_that_are_no_lists_of_names_are_refused(labels):
+    with pytest.raises(AssociationError, match="labels"):
+        Association.from_labels(labels)
+
+
+def test_no_scans_have_an_empty_association():
+    assert Association.from_labels([]) == Association([], ())
+
+
+@pytest.mark.parametrize("scans", [None, "0", ["a"]])
+def test_a_restriction_to_something_else_than_scan_indices_is_refused(scans):
+    with pytest.raises(AssociationError, match="scans"):
+        Association([[0, 0]], (1, 1)).restrict(scans)

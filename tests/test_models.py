@@ -83,3 +83,8 @@ def test_the_dictionary_rebuilds_the_model() -> None:
 def test_a_model_is_frozen() -> None:
     with pytest.raises(FrozenInstanceError):
         ObservationModel(sigma=0.02).sigma = 0.03  # type: ignore[misc]
+
+
+def test_a_whole_number_beyond_every_float_is_refused():
+    with pytest.raises(OptionError, match="landmark_sigma is inf"):
+        ObservationModel(sigma=0.1, landmark_sigma=10**400)

@@ -61,6 +61,7 @@ def triangulate(
         ranges = np.clip(ranges, 0.05 * problem.baseline, 3.0 * problem.model.landmark_sigma)
     options = np.concatenate([points[None], _far_points(problem, sightings, rays, origins)])
     costs = _costs(problem, sightings, rays, origins, options)  # (options, G, n)
+    costs = np.where(np.isfinite(costs), costs, np.inf)
     best = costs.argmin(axis=0)
     chosen = np.take_along_axis(options, best[None, ..., None], axis=0)[0]
     return chosen, costs.min(axis=0).sum(axis=1)
@@ -136,7 +137,10 @@ def _nearest_points(
     by = (weights * ny * offset).sum(-1) + prior * cy
     determinant = axx * ayy - axy * axy
     points = np.stack([ayy * bx - axy * by, axx * by - axy * bx], axis=-1)
-    return np.asarray(points / determinant[..., None])
+    # Parallel rays under a prior too weak for the arithmetic meet nowhere; `triangulate` takes
+    # points far out then.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(points / determinant[..., None])
 
 
 def _far_points(

@@ -25,6 +25,8 @@ from mht_slam.progress import Progress
 
 Candidates: TypeAlias = Ranking | Posterior | Iterable[Association | RankedAssociation | Hypothesis]
 
+BEYOND_FLOATS = "the model's numbers go beyond double precision"
+
 CHUNK = 16
 """Candidates sent to a worker at a time."""
 
@@ -223,9 +225,15 @@ def _solve_one(
     if weight == -math.inf:
         return failed("the model rules out its misses or false alarms")
     try:
-        estimate = solve_association(problem, association.table, evidence)
+        # Extreme models overflow on the way; what matters is whether the outcome is finite.
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            estimate = solve_association(problem, association.table, evidence)
     except UnsolvedError as cause:
         return failed(str(cause))
+    except OverflowError:
+        return failed(BEYOND_FLOATS)
+    if not (math.isfinite(estimate.log_evidence) and math.isfinite(estimate.log_likelihood)):
+        return failed(BEYOND_FLOATS)
     return Hypothesis(
         association=association,
         score=score,

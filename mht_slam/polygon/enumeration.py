@@ -18,6 +18,9 @@ MAX_HYPOTHESES = 200_000_000
 MAX_ASSIGNMENTS = 5_000_000
 """The most assignments of one scan's detections that are kept in memory."""
 
+_COUNTED = 10**18
+"""Larger numbers of hypotheses are not spelled out."""
+
 Completion = tuple[tuple[int, ...], ...]
 """Rows of left-over detections, one entry per scan, -1 where missed."""
 
@@ -45,8 +48,9 @@ def assignments(allowed: BoolArray) -> IntArray:
 
 def too_many_hypotheses(count: int) -> OptionError:
     """The error for an enumeration that would not end."""
+    number = f"{count:,}" if count < _COUNTED else "10^18"
     return OptionError(
-        f'method "exhaustive" would go through {count:,} hypotheses or more, and stops at '
+        f'method "exhaustive" would go through {number} hypotheses or more, and stops at '
         f"{MAX_HYPOTHESES:,}: rank fewer detections, lower max_missed and max_false, or label "
         "detections whose identity is known"
     )

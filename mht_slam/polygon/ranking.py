@@ -27,6 +27,12 @@ from mht_slam.polygon.unified_map import MapRecipe, draw_map
 from mht_slam.progress import Progress
 
 DEFAULT_SCANS = (0, 1, 2)
+MAX_DETECTIONS = 100
+"""The most detections of one scan: a scan has a cell with each detection of the next."""
+
+MAX_RANGE = 1e6
+"""The largest `max_range`, baselines: cells cut farther out lose their near corners to rounding."""
+
 _RIGHT_ANGLE = np.pi / 2.0
 
 
@@ -65,7 +71,8 @@ def rank(
         too large; or "vertices", combinations of the cells' corners only.
     base : detections of the middle scan (of s2 for a `RunPair`) at (0, 0) and (1, 0) of F_L; None
         chooses them by the rule of docs/method.md, section 3.
-    max_range : baselines of each pair, about that pair's midpoint, at which cells are cut.
+    max_range : baselines of each pair, about that pair's midpoint, at which cells are cut; at most
+        1e6.
     scans : indices of three scans of a `StraightRun`, in order of travel.
     max_missed : the most -1 entries of a table. 0 ranks full tables only.
     max_false : the most detections that belong to no landmark.
@@ -97,7 +104,7 @@ def rank(
     if not isinstance(run, (StraightRun, RunPair)):
         raise OptionError(f"run is {type(run).__name__}: give a StraightRun or a RunPair")
     finite_number(epsilon, "epsilon", above=0.0, below=_RIGHT_ANGLE)
-    finite_number(max_range, "max_range", above=0.0)
+    finite_number(max_range, "max_range", above=0.0, at_most=MAX_RANGE)
     if top_k is not None:
         whole_number(top_k, "top_k", at_least=1)
     whole_number(max_missed, "max_missed", at_least=0)
@@ -199,6 +206,11 @@ def _checked(
 ) -> tuple[int, int]:
     """Check the numbers of detections and the base; return the base of full tables."""
     counts = [len(scan) for scan in members]
+    if max(counts) > MAX_DETECTIONS:
+        raise OptionError(
+            f"the scans have {counts} detections: at most {MAX_DETECTIONS} a scan can be ranked, "
+            "rank fewer"
+        )
     left_over = tuple(count - min(counts) for count in counts)
     if len(set(counts)) > 1 and not completions(left_over, max_missed, max_false):
         raise UnequalScansError(

@@ -13,10 +13,17 @@ from functools import cached_property
 import numpy as np
 
 from mht_slam.arrays import BoolArray, FloatArray, IntArray
+from mht_slam.errors import OptionError
 from mht_slam.measurements import BearingScan
 from mht_slam.polygon.cones import Cells, ObjectArray, cells, corners
 from mht_slam.polygon.landmark_frame import Triple, base_cells_meet, landmark_frame_regions
 from mht_slam.polygon.ratio import ratio_table
+
+MAX_REGIONS = 200_000
+"""The most regions in F_L of one pair of scans."""
+
+MAX_RATIOS = 100_000_000
+"""The most intersection ratios that are kept in memory for one base."""
 
 
 @dataclass(frozen=True)
@@ -91,17 +98,25 @@ def third_landmarks(
     ratio: str,
     region: str,
 ) -> dict[int, ThirdLandmark]:
-    """Ratios of all third landmarks, by their detection in the middle scan."""
+    """Ratios of all third landmarks, by their detection in the middle scan.
+
+    Raises `OptionError` beyond `MAX_REGIONS` or `MAX_RATIOS`, where labels let many detections
+    through that exhaustive tables have no room for.
+    """
     (regions_1, index_1, bases_1), (regions_2, index_2, bases_2) = (
         _pair_regions(pair, base, region) for pair in pairs
     )
     alive = np.ones((bases_1.max(initial=-1) + 1, bases_2.max(initial=-1) + 1), dtype=np.bool_)
     tables = {}
+    n_ratios = 0
     for landmark in range(len(pairs[0].cell_of)):
         if landmark in base:
             continue
         chosen_1, local_1 = _of_landmark(index_1, pairs[0].cell_of[landmark])
         chosen_2, local_2 = _of_landmark(index_2, pairs[1].cell_of[landmark])
+        n_ratios += len(chosen_1) * len(chosen_2)
+        if n_ratios > MAX_RATIOS:
+            raise _too_large(f"{MAX_RATIOS:,} intersection ratios")
         bases = np.ix_(bases_1[chosen_1], bases_2[chosen_2])
         ratios = np.zeros((len(chosen_1) + 1, len(chosen_2) + 1))
         # Base cells for which another landmark has no shared region score zero anyway.
@@ -141,7 +156,16 @@ def _pair_regions(
         first, second = (outlines[pair.cell_of[b, o]] for b, o in zip(base, (o1, o2), strict=True))
         triples += [Triple(first, second, outlines[third]) for third in thirds.tolist()]
         bases += [number] * len(thirds)
+        if len(triples) > MAX_REGIONS:
+            raise _too_large(f"{MAX_REGIONS:,} regions in F_L")
     return landmark_frame_regions(triples, region), index, np.array(bases, dtype=np.int64)
+
+
+def _too_large(size: str) -> OptionError:
+    return OptionError(
+        f'method "exhaustive" would need more than {size}: rank fewer detections, or take a '
+        "smaller epsilon"
+    )
 
 
 def _base_options(pair: PairOfScans, base: tuple[int, int]) -> IntArray:

@@ -333,3 +333,19 @@ def test_two_runs_are_put_into_one_frame() -> None:
     sigmas = np.sqrt(best.pose_covariances[2:, [0, 1, 2], [0, 1, 2]])
     error[:, 2] = np.angle(np.exp(1j * error[:, 2]))
     assert (np.abs(error) < 5.0 * sigmas).all()
+
+
+def test_rays_too_parallel_for_the_arithmetic_give_a_result_without_a_warning():
+    run = StraightRun([BearingScan([0.5, 1.0, 2.0])] * 3)
+    posterior = refine(run, [Association([[i] * 3 for i in range(3)], (3, 3, 3))], sigma=1e-12)
+    assert posterior[0].failure or np.isfinite(posterior[0].log_evidence)
+
+
+@pytest.mark.parametrize(
+    "extreme", [{"landmark_sigma": 1e300}, {"landmark_sigma": 1e-300}, {"log_step_mean": 700.0}]
+)
+def test_a_model_beyond_double_precision_gives_failures_and_no_exception(extreme):
+    run = StraightRun([BearingScan([0.5, 1.0, 2.0])] * 3)
+    association = Association([[i] * 3 for i in range(3)], (3, 3, 3))
+    posterior = refine(run, [association], model=ObservationModel(sigma=0.02, **extreme))
+    assert posterior[0].failure or np.isfinite(posterior[0].log_evidence)

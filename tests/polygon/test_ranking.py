@@ -652,3 +652,32 @@ def test_progress_reaches_its_total() -> None:
     )
     assert calls[-1][0] == calls[-1][1]
     assert [done for done, _ in calls] == sorted(done for done, _ in calls)
+
+
+def test_hundreds_of_detections_are_refused_before_any_work():
+    run = StraightRun([BearingScan(np.linspace(-3.0, 3.0, 500))] * 3)
+    with pytest.raises(OptionError, match="at most 100 a scan"):
+        rank(run, epsilon=0.05)
+
+
+def test_a_count_too_long_to_read_is_not_spelled_out():
+    run = StraightRun([BearingScan(np.linspace(-3.0, 3.0, 40))] * 3)
+    with pytest.raises(OptionError, match=r"through 10\^18 hypotheses or more"):
+        rank(run, epsilon=0.05)
+
+
+def test_labels_do_not_let_through_what_memory_cannot_hold(monkeypatch):
+    monkeypatch.setattr("mht_slam.polygon.tables.MAX_RATIOS", 0)
+    landmarks = np.array([[1.0, 3.0], [2.0, -2.0], [3.5, 1.5]])
+    run = StraightRun(
+        BearingScan(np.arctan2(landmarks[:, 1], landmarks[:, 0] - x), labels=["a", "b", "c"])
+        for x in (0.0, 1.0, 2.2)
+    )
+    with pytest.raises(OptionError, match="rank fewer detections"):
+        rank(run, epsilon=0.05)
+
+
+def test_a_max_range_that_geometry_cannot_take_is_refused():
+    run = StraightRun([BearingScan([0.4, 1.0, 2.0])] * 3)
+    with pytest.raises(OptionError, match="at most 1e\\+06"):
+        rank(run, epsilon=0.05, max_range=1e300)
