@@ -132,7 +132,7 @@ class Association:
 
         Raises `AssociationError` for an index that does not exist.
         """
-        if isinstance(scans, str) or not isinstance(scans, Sequence | np.ndarray):
+        if not isinstance(scans, Sequence | np.ndarray):
             raise AssociationError(f"scans is {scans!r}: give a sequence of scan indices")
         for scan in scans:
             if not isinstance(scan, int | np.integer):
