@@ -145,6 +145,10 @@ class Association:
         seen = columns[(columns != MISSED).any(axis=1)]
         return Association(seen, [self._n_detections[scan] for scan in scans])
 
+    def sort_key(self) -> list[int]:
+        """Entries row by row with -1 as plus infinity: how ties between associations are broken."""
+        return _missed_last(self._table).ravel().tolist()
+
     def precision(self, truth: Association) -> float:
         """Share of this association's same-landmark pairs of detections that `truth` has too.
 
@@ -304,8 +308,12 @@ def _validated_table(table: npt.ArrayLike, n_detections: tuple[int, ...]) -> Int
     return entries
 
 
+def _missed_last(entries: IntArray) -> IntArray:
+    return np.where(entries == MISSED, np.iinfo(np.int64).max, entries)
+
+
 def _sorted_rows(entries: IntArray) -> IntArray:
-    keys = np.where(entries == MISSED, np.iinfo(np.int64).max, entries)
+    keys = _missed_last(entries)
     order = np.lexsort(keys.T[::-1]) if entries.shape[1] else np.arange(len(entries))
     return freeze(np.ascontiguousarray(entries[order]))
 

@@ -150,6 +150,8 @@ class Hypothesis:
     landmarks : (n, 2), one row per row of the association's table.
     landmark_covariances : (n, 2, 2) marginals. A landmark seen once has the prior's.
     pose_covariances : (m, 3, 3) marginals in run axes, order x, y, theta.
+    log_evidence_error : standard error of `log_evidence`: 0.0 where the integral is a sum that is
+        exact to rounding, from the sample where it was sampled, None where it is plain Laplace.
     ranged : (n,) bool, False for a landmark seen once: its distance is the prior's.
     """
 
@@ -164,6 +166,7 @@ class Hypothesis:
     landmark_covariances: FloatArray | None = field(default=None, repr=False, compare=False)
     pose_covariances: FloatArray | None = field(default=None, repr=False, compare=False)
     ranged: BoolArray | None = field(default=None, repr=False, compare=False)
+    log_evidence_error: float | None = None
     _build_graph: Callable[[], tuple[Any, Any, Any]] | None = field(
         default=None, repr=False, compare=False
     )

@@ -108,6 +108,7 @@ def _results(solution: Solution, truth: Association | None) -> dict[str, Any]:
                 "polygon_rank": row.polygon_rank,
                 "log_likelihood": row.log_likelihood,
                 "log_evidence": row.log_evidence,
+                "log_evidence_error": hypothesis.log_evidence_error,
                 "probability": row.probability,
                 "evidence_rank": row.evidence_rank,
                 "truth": None if truth is None else row.association.exact(truth),

@@ -46,14 +46,15 @@ HALVINGS = 6
 
 @dataclass(frozen=True)
 class Integral:
-    """The logarithm of an integral, and how well the points represent it.
+    """The logarithm of an integral, and how far to trust it.
 
-    `effective_share` is the effective sample size over the number of points, in (0, 1]: near 0 a
-    few points carry everything and the value is not to be trusted.
+    `error` is the standard error that independent points with these weights would give the
+    logarithm, 0.0 for a sum that is exact to rounding. Quasi-random points do better, but an error
+    near 1 says that a few points carry everything.
     """
 
     log_value: float
-    effective_share: float
+    error: float
 
 
 def integrate(
@@ -94,8 +95,9 @@ def integrate(
         if not math.isfinite(log_total):
             return None
         effective = math.exp(2.0 * log_total - float(logsumexp(2.0 * log_weights)))
-        result = Integral(log_total - math.log(len(points)), effective / len(points))
-        if result.effective_share >= ENOUGH or len(modes) == MAX_MODES:
+        error = math.sqrt(max(1.0 / effective - 1.0 / len(points), 0.0))
+        result = Integral(log_total - math.log(len(points)), error)
+        if effective >= ENOUGH * len(points) or len(modes) == MAX_MODES:
             return result
         further = _find_mode(log_function, points[log_weights.argmax()], root)
         if further is None:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from mht_slam.arrays import FloatArray, IntArray
-from mht_slam.evidence.importance import integrate
+from mht_slam.evidence.importance import Integral, integrate
 from mht_slam.evidence.landmark_integral import log_landmark_integral
 from mht_slam.graph.problem import Problem
 from mht_slam.measurements import wrap_angle
@@ -41,7 +41,7 @@ PRIOR_REACH = 8.0
 
 def marginal_log_evidence(
     problem: Problem, table: IntArray, poses: FloatArray, pose_covariance: FloatArray
-) -> float | None:
+) -> Integral | None:
     """Integrate landmarks exactly, and poses about the optimum.
 
     Parameters
@@ -70,8 +70,7 @@ def marginal_log_evidence(
 
     if len(centre) == 1:
         return _sum_on_grid(log_density, problem, float(centre[0]), math.sqrt(spread[0, 0]))
-    integral = integrate(log_density, centre, spread, layout.mirror())
-    return None if integral is None else integral.log_value
+    return integrate(log_density, centre, spread, layout.mirror())
 
 
 class PoseLayout:
@@ -180,7 +179,7 @@ def _log_joint(
 
 def _sum_on_grid(
     log_density: LogDensity, problem: Problem, centre: float, spread: float
-) -> float | None:
+) -> Integral | None:
     """Trapezoidal sum over one log step, on a grid that is moved until it covers the mass.
 
     The sum is spectrally accurate once the edges are negligible and the peak is resolved. A coarse
@@ -210,7 +209,7 @@ def _sum_on_grid(
         open_low = values[0] > top - EDGE_DROP and low > floor
         open_high = values[-1] > top - EDGE_DROP and high < ceiling
         if not (open_low or open_high) and (values > top - 3.0).sum() >= RESOLVED_NODES:
-            return float(logsumexp(values) + math.log(step))
+            return Integral(float(logsumexp(values) + math.log(step)), error=0.0)
         inside = np.flatnonzero(values > top - EDGE_DROP)
         width = high - low
         low = low - 0.5 * width if open_low else float(grid[inside[0]]) - step

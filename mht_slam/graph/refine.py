@@ -244,6 +244,7 @@ def _solve_one(
         landmarks=freeze(estimate.landmarks),
         landmark_covariances=freeze(estimate.landmark_covariances),
         pose_covariances=freeze(estimate.pose_covariances),
+        log_evidence_error=estimate.log_evidence_error,
         ranged=freeze((association.table != MISSED).sum(axis=1) >= 2),
         _build_graph=partial(_to_gtsam, problem, association, estimate),
     )
@@ -284,9 +285,7 @@ def _with_probabilities(hypotheses: list[Hypothesis]) -> tuple[Hypothesis, ...]:
     else:
         probabilities = [0.0] * len(hypotheses)
     weighed = [replace(h, probability=p) for h, p in zip(hypotheses, probabilities, strict=True)]
-    return tuple(
-        sorted(weighed, key=lambda h: (-h.log_evidence, h.association.table.ravel().tolist()))
-    )
+    return tuple(sorted(weighed, key=lambda h: (-h.log_evidence, h.association.sort_key())))
 
 
 def _to_gtsam(problem: Problem, association: Association, estimate: Estimate) -> tuple[Any, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 from mht_slam import factors
 from mht_slam.arrays import BoolArray, FloatArray, IntArray
 from mht_slam.association import MISSED
+from mht_slam.evidence.importance import Integral
 from mht_slam.evidence.landmark_integral import log_landmark_integral
 from mht_slam.graph.build import (
     GraphKeys,
@@ -51,6 +52,7 @@ class Estimate:
     poses : (m, 3); landmarks : (n, 2); steps : about which the step priors are linearised.
     log_likelihood : normalised bearing terms at the estimate.
     log_evidence : evidence of the graph, without the weights of misses and false alarms.
+    log_evidence_error : its standard error; None for plain Laplace, which knows none.
     pose_covariances : (m, 3, 3) in run axes; landmark_covariances : (n, 2, 2).
     """
 
@@ -59,6 +61,7 @@ class Estimate:
     steps: FloatArray
     log_likelihood: float
     log_evidence: float
+    log_evidence_error: float | None
     pose_covariances: FloatArray
     landmark_covariances: FloatArray
 
@@ -193,18 +196,18 @@ def _estimate(
     except SingularGraphError as cause:
         raise UnsolvedError(str(cause)) from cause
     landmark_covariances, joint = _split_covariance(approximation.covariance, poses)
-    log_evidence: float | None = None
+    integral: Integral | None = None
     worst = float(np.abs(residuals / sightings.sigmas)[sightings.seen].max(initial=0.0))
     if evidence == "marginal" and worst <= HOPELESS_RESIDUAL:
-        log_evidence = marginal_log_evidence(problem, table, poses, joint)
-    if log_evidence is None:
-        log_evidence = approximation.log_evidence + prior_outside_graph(problem, steps)
+        integral = marginal_log_evidence(problem, table, poses, joint)
+    plain = approximation.log_evidence + prior_outside_graph(problem, steps)
     return Estimate(
         poses=poses,
         landmarks=optimum.landmarks,
         steps=steps,
         log_likelihood=_log_likelihood(sightings, residuals),
-        log_evidence=log_evidence,
+        log_evidence=plain if integral is None else integral.log_value,
+        log_evidence_error=None if integral is None else integral.error,
         pose_covariances=_diagonal_blocks(joint, 3),
         landmark_covariances=landmark_covariances,
     )
