@@ -30,7 +30,9 @@ INFLATION = 1.15
 """The proposal is this much wider than the mode's Laplace approximation."""
 ENOUGH = 0.3
 """Effective share of the points from which no further mode is looked for."""
-MAX_MODES = 3
+MAX_MODES = 4
+NEW_MODE = 1.0
+"""Distance from every known mode, in its standard deviations, from which a mode is a new one."""
 STENCIL = 0.5
 """Step of the differences in Newton's method, in standard deviations of the first guess."""
 FLATTEST = 0.05
@@ -99,10 +101,22 @@ def integrate(
         result = Integral(log_total - math.log(len(points)), error)
         if effective >= ENOUGH * len(points) or len(modes) == MAX_MODES:
             return result
-        further = _find_mode(log_function, points[log_weights.argmax()], root)
-        if further is None:
-            return result
-        modes.append(further)
+        modes.append(_next_proposal(log_function, points[log_weights.argmax()], root, modes))
+
+
+def _next_proposal(
+    log_function: LogFunction,
+    heaviest: FloatArray,
+    root: FloatArray,
+    modes: list[tuple[FloatArray, FloatArray]],
+) -> tuple[FloatArray, FloatArray]:
+    """A new mode near the point of most weight, or that point where it leads to a known mode."""
+    found = _find_mode(log_function, heaviest, root)
+    if found is not None:
+        away = [np.linalg.norm(np.linalg.solve(s, found[0] - centre)) for centre, s in modes]
+        if min(away) > NEW_MODE:
+            return found
+    return heaviest, modes[0][1]
 
 
 def _find_mode(
