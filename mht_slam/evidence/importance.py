@@ -30,6 +30,8 @@ INFLATION = 1.15
 """The proposal is this much wider than the mode's Laplace approximation."""
 ENOUGH = 0.3
 """Effective share of the points from which no further mode is looked for."""
+TOO_FEW = 4.0
+"""Effective number of points below which the sample says nothing and is refused."""
 MAX_MODES = 4
 NEW_MODE = 1.0
 """Distance from every known mode, in its standard deviations, from which a mode is a new one."""
@@ -51,8 +53,8 @@ class Integral:
     """The logarithm of an integral, and how far to trust it.
 
     `error` is the standard error that independent points with these weights would give the
-    logarithm, 0.0 for a sum that is exact to rounding. Quasi-random points do better, but an error
-    near 1 says that a few points carry everything.
+    logarithm, 0.0 for a sum that is exact to rounding. Quasi-random points do better; a mode that
+    no point met is in no error.
     """
 
     log_value: float
@@ -72,9 +74,9 @@ def integrate(
     mirror : (d,) signs of a reflection. The points are closed under it, so that reflecting the
         integrand leaves the result the same to rounding.
 
-    Returns None where the function vanishes at `near`, or `covariance` is not positive definite.
-    Where the points represent the function badly, more modes are sought from the point that
-    carries the most weight.
+    Returns None where the function vanishes at `near`, `covariance` is not positive definite, or
+    fewer than `TOO_FEW` points carry the sum, as from a `near` that lies far off. Where the points
+    represent the function badly, more modes are sought from the point that carries the most weight.
     """
     try:
         root = _cholesky(covariance)
@@ -100,7 +102,7 @@ def integrate(
         error = math.sqrt(max(1.0 / effective - 1.0 / len(points), 0.0))
         result = Integral(log_total - math.log(len(points)), error)
         if effective >= ENOUGH * len(points) or len(modes) == MAX_MODES:
-            return result
+            return result if effective >= TOO_FEW else None
         modes.append(_next_proposal(log_function, points[log_weights.argmax()], root, modes))
 
 

@@ -54,7 +54,8 @@ def marginal_log_evidence(
     -------
     log Int p(X) prod_j E_j(X) dX over steps, and headings and lateral deviations where the model
     lets them vary; what it holds to `ZERO_SIGMA` is taken as exact. None where there are more than
-    `MAX_PARAMETERS` such unknowns, or where no grid covers the mass: plain Laplace has to do there.
+    `MAX_PARAMETERS` such unknowns, or where neither grid nor sample covers the mass: plain Laplace
+    has to do there.
 
     Source: docs/method.md, section 4.
     """

@@ -176,8 +176,8 @@ def _optimise(
             moved = max(moved, np.abs(approach - 1.0).max(initial=0.0))
         if moved <= RELINEARISED:
             break
-    graph = build_graph(problem, table, _steps(problem, poses))
-    error = graph.error(values)
+    steps = _steps(problem, poses)
+    error = build_graph(problem, table, steps).error(values)
     if not (math.isfinite(error) and np.isfinite(poses).all() and np.isfinite(landmarks).all()):
         raise UnsolvedError("the optimiser ended at numbers that are not finite")
     residuals = _residuals(sightings, poses, landmarks)

@@ -34,6 +34,45 @@ def test_a_gaussian_integrates_to_its_weight(d: int, seed: int, log_weight: floa
     assert 0.0 < integral.error < 0.2
 
 
+@settings(max_examples=60, deadline=None)
+@given(st.integers(2, 6), st.integers(0, 10_000))
+def test_a_start_too_far_off_is_refused_or_does_no_harm(d: int, seed: int) -> None:
+    """Half a marginal deviation is hundreds of deviations where the covariance is thin."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(d, d)) + 2.0 * np.eye(d)
+    covariance, mean = root @ root.T, rng.normal(size=d)
+    density = multivariate_normal(mean, covariance, allow_singular=True)
+    far = mean + 0.5 * np.sqrt(np.diag(covariance))
+    integral = integrate(
+        lambda x: np.atleast_1d(density.logpdf(x)), far, 1.5 * covariance, np.ones(d)
+    )
+    assert integral is None or integral.log_value == pytest.approx(0.0, abs=0.3)
+
+
+@pytest.mark.parametrize("seed", [455, 640, 687, 714, 1074])
+def test_a_start_known_to_be_too_far_off_is_refused(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    d = int(rng.integers(2, 7))
+    root = rng.normal(size=(d, d)) + 2.0 * np.eye(d)
+    covariance, mean = root @ root.T, rng.normal(size=d)
+    density = multivariate_normal(mean, covariance, allow_singular=True)
+    far = mean + 0.5 * np.sqrt(np.diag(covariance))
+    function = lambda x: np.atleast_1d(density.logpdf(x))  # noqa: E731
+    assert integrate(function, far, 1.5 * covariance, np.ones(d)) is None
+
+
+def test_a_hypothesis_says_how_its_evidence_was_taken() -> None:
+    scene = simulate_scene("corridor", 3, np.random.default_rng(2), sigma=np.deg2rad(1.0))
+    sigma = np.deg2rad(1.0)
+    exact = ms.refine(scene.run, [scene.truth], sigma=sigma)[0]
+    sampled = ms.refine(scene.run, [scene.truth], sigma=sigma, heading_sigma=sigma)[0]
+    plain = ms.refine(scene.run, [scene.truth], sigma=sigma, evidence="laplace")[0]
+    assert exact.log_evidence_error == 0.0
+    assert sampled.log_evidence_error is not None
+    assert 0.0 < sampled.log_evidence_error < 0.5
+    assert plain.log_evidence_error is None
+
+
 def test_two_modes_both_count() -> None:
     parts = [
         multivariate_normal([-4.0, 0.0], np.eye(2)),
