@@ -6,8 +6,8 @@ Every nearly straight `strict` segment of the DLR recording gives one run: its f
 last scan, with the labelled detections common to the three (n = 3 to 5). Each method names an
 association; it is right when all its same-landmark pairs are the true ones. Sigma is the
 recording's 95 % bearing residual over 1.96, the heading deviation is the "several degrees" its
-description states, the landmark prior is the library's default; the sweep shows what other choices would have
-given. The ladder of epsilons that seeds the graphs was chosen on these segments, by how often the
+description states, the landmark prior is the library's default; the sweep shows what other
+choices would have given. The ladder of epsilons that seeds the graphs was chosen on these segments, by how often the
 seeds hold the truth; the rows over all associations (n = 3) do without it.
 """
 
