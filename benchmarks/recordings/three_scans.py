@@ -7,8 +7,8 @@ last scan, with the labelled detections common to the three (n = 3 to 5). Each m
 association; it is right when all its same-landmark pairs are the true ones. Sigma is the
 recording's 95 % bearing residual over 1.96, the heading deviation is the "several degrees" its
 description states, the landmark prior is the library's default; the sweep shows what other
-choices would have given. The ladder of epsilons that seeds the graphs was chosen on these segments, by how often the
-seeds hold the truth; the rows over all associations (n = 3) do without it.
+choices would have given. The ladder of epsilons that seeds the graphs was chosen on these
+segments, by how often the seeds hold the truth; the rows over all associations (n = 3) do without.
 """
 
 from __future__ import annotations
