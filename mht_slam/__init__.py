@@ -14,6 +14,13 @@ if TYPE_CHECKING:
     from mht_slam.association import Association as Association
     from mht_slam.comparison import Comparison as Comparison
     from mht_slam.comparison import compare as compare
+    from mht_slam.consistency.consistent_set import ConsistentSet as ConsistentSet
+    from mht_slam.consistency.consistent_set import (
+        consistent_associations as consistent_associations,
+    )
+    from mht_slam.consistency.tightest import TightestAssociation as TightestAssociation
+    from mht_slam.consistency.tightest import smallest_epsilon as smallest_epsilon
+    from mht_slam.consistency.tightest import tightest_association as tightest_association
     from mht_slam.graph.refine import refine as refine
     from mht_slam.hypotheses import Hypothesis as Hypothesis
     from mht_slam.hypotheses import Posterior as Posterior
@@ -32,6 +39,7 @@ _HOME = {
     "Association": "association",
     "BearingScan": "measurements",
     "Comparison": "comparison",
+    "ConsistentSet": "consistency.consistent_set",
     "Hypothesis": "hypotheses",
     "ObservationModel": "models",
     "Odometry": "measurements",
@@ -41,10 +49,14 @@ _HOME = {
     "RunPair": "measurements",
     "Solution": "pipeline",
     "StraightRun": "measurements",
+    "TightestAssociation": "consistency.tightest",
     "compare": "comparison",
+    "consistent_associations": "consistency.consistent_set",
     "rank": "polygon.ranking",
     "refine": "graph.refine",
+    "smallest_epsilon": "consistency.tightest",
     "solve": "pipeline",
+    "tightest_association": "consistency.tightest",
 }
 
 __all__ = sorted(_HOME)

@@ -14,6 +14,7 @@ CONTRACT = [
     "Association",
     "BearingScan",
     "Comparison",
+    "ConsistentSet",
     "Hypothesis",
     "ObservationModel",
     "Odometry",
@@ -23,10 +24,14 @@ CONTRACT = [
     "RunPair",
     "Solution",
     "StraightRun",
+    "TightestAssociation",
     "compare",
+    "consistent_associations",
     "rank",
     "refine",
+    "smallest_epsilon",
     "solve",
+    "tightest_association",
 ]
 
 
