@@ -85,8 +85,8 @@ def consistent_associations(
 
     Labels of the scans are hard constraints: an association that contradicts them is not listed.
     Rounding is outward: bearings count as within epsilon up to 4e-15 radians, and for more than
-    three scans bounds on ratios of steps are relaxed by 1e-9 of their value, so that no consistent
-    association is lost to floating point.
+    three scans steps may violate the bounds that landmarks set them by 1e-8 of the shortest step,
+    so that no consistent association is lost to floating point.
 
     Raises `OptionError` for options outside these or a `RunPair`, two runs of which share no step;
     `UnequalScansError` where scans differ in length more than `max_missed` and `max_false` allow;

@@ -123,7 +123,7 @@ def _with_next_scan(problem: Problem, partial: _Partial, work: Work) -> Iterator
     scans, cones = problem.scans[: column + 1], problem.cones[: column + 1]
     n_detections = len(scans[column])
     allowed, lowest, highest = _sightings(partial.rows, scans, cones)
-    order = np.argsort(allowed[:n_old].sum(axis=0), kind="stable").tolist()
+    order = np.argsort(allowed[:n_old, :n_detections].sum(axis=0), kind="stable").tolist()
     already_missed = int((partial.rows == MISSED).sum())
     # Rows that stay without a detection have to be permitted, and paid for.
     may_miss = allowed[:n_old, n_detections]

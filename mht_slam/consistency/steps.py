@@ -4,14 +4,15 @@ A landmark's cones meet exactly when every three of them do (Helly's theorem in 
 that landmarks ask of the steps g_1, g_2, ... are, for scans a < b < c, bounds on the ratio of
 |O_b O_c| to |O_a O_b|: linear and homogeneous in the steps.
 
-Traps of the solver, HiGHS: coefficients below 1e-9 are dropped, so bounds are kept within
-`EXTREME_RATIO`; a zero objective may be reported infeasible where the set is unbounded, so the
-length of the run is minimised instead; presolve may say "infeasible or unbounded" without deciding
-which, so such problems are solved once more without it.
+Traps of the solver, HiGHS: it reports thin but true sets as infeasible, although they keep every
+row by more than its tolerance, and unbounded ones with a zero objective too. Its verdict is
+therefore never asked for: the program is to violate the bounds as little as possible, which always
+has a solution. Coefficients below 1e-9 are dropped, so bounds are kept within `EXTREME_RATIO`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -20,15 +21,18 @@ from scipy.optimize import linprog
 
 from mht_slam.arrays import FloatArray
 
-STEP_SLACK = 1e-9
-"""Share by which bounds move outward for the solver's tolerance."""
+VIOLATION = 1e-8
+"""Shares of the shortest step by which bounds may be violated, well above the solver's errors."""
+
+RELAXATIONS = (VIOLATION, 1e-6)
+"""Violations, in first baselines, that are allowed where steps are measured, one after another."""
 
 SOLVER_TOLERANCE = 1e-10
 
 EXTREME_RATIO = 1e8
 """Bounds above it, or below its inverse, are relaxed to it."""
 
-_SOLVED, _INFEASIBLE, _TROUBLE = 0, 2, 4
+_SOLVED, _INFEASIBLE = 0, 2
 
 
 @dataclass(frozen=True)
@@ -49,17 +53,20 @@ class RatioBounds:
     def steps_exist(self) -> bool:
         """Whether some positive steps keep all bounds.
 
-        Exact for three scans. For more the solver is given bounds widened by `STEP_SLACK`, and
-        whatever it cannot decide counts as possible: nothing possible is ever refused.
+        Exact for three scans. For more, bounds may be violated by `VIOLATION`, and whatever the
+        solver cannot decide counts as possible: nothing possible is ever refused.
         """
         if (self.lowest > self.highest).any():
             return False
-        if self.n_scans == 3:
+        rows, n_steps = self._rows(), self.n_scans - 1
+        if self.n_scans == 3 or len(rows) == 0:
             return True
-        n_steps = self.n_scans - 1
         # Where steps exist, they exist at every scale: none needs to be shorter than 1.
-        outcome = _solve(self._rows(), np.ones(n_steps), [(1.0, None)] * n_steps)
-        return outcome[0] != _INFEASIBLE
+        violable = np.column_stack([rows, -np.ones(len(rows))])
+        objective = np.append(np.zeros(n_steps), 1.0)
+        bounds = [(1.0, None)] * n_steps + [(0.0, None)]
+        status, violation = _least(objective, violable, 0.0, bounds)
+        return status != _SOLVED or violation <= VIOLATION
 
     def step_intervals(self) -> FloatArray:
         """(n_scans - 2, 2) smallest and largest |O_k O_k+1|, k >= 2, in first baselines.
@@ -69,28 +76,34 @@ class RatioBounds:
         if self.n_scans == 3:
             return np.array([[self.lowest[0], self.highest[0]]])
         rows, n_steps = self._rows(), self.n_scans - 1
-        unit = [(1.0, 1.0), *[(0.0, None)] * (n_steps - 1)]
+        first_is_unit = [(1.0, 1.0), *[(0.0, None)] * (n_steps - 1)]
         intervals = np.tile([0.0, np.inf], (n_steps - 1, 1))
         for step in range(1, n_steps):
             for end, sign in enumerate((1.0, -1.0)):
                 objective = np.zeros(n_steps)
                 objective[step] = sign
-                status, value = _solve(rows, objective, unit)
+                for violation in RELAXATIONS:
+                    status, value = _least(objective, rows, violation, first_is_unit)
+                    if status != _INFEASIBLE:
+                        break
                 if status == _SOLVED:
-                    outward = sign * value - sign * STEP_SLACK * (1.0 + abs(value))
+                    outward = sign * (value - VIOLATION * (1.0 + abs(value)))
                     intervals[step - 1, end] = max(0.0, outward)
         return intervals
 
     def _rows(self) -> FloatArray:
         """Rows A of A g <= 0, coefficients at most 1."""
         before, after = gaps(self.n_scans)
-        low = np.minimum(self.lowest * (1.0 - STEP_SLACK), EXTREME_RATIO)[:, None]
-        high = np.maximum(self.highest * (1.0 + STEP_SLACK), 1.0 / EXTREME_RATIO)[:, None]
-        at_least = (low * before - after) / np.maximum(1.0, low)
-        inverse = 1.0 / high
-        at_most = (after * inverse - before) / np.maximum(1.0, inverse)
-        useful = [low[:, 0] > 1.0 / EXTREME_RATIO, high[:, 0] < EXTREME_RATIO]
-        return np.vstack([at_least[useful[0]], at_most[useful[1]]])
+        at_least = self.lowest > 1.0 / EXTREME_RATIO
+        at_most = self.highest < EXTREME_RATIO
+        low = np.minimum(self.lowest, EXTREME_RATIO)[at_least, None]
+        high = np.maximum(self.highest, 1.0 / EXTREME_RATIO)[at_most, None]
+        return np.vstack(
+            [
+                (low * before[at_least] - after[at_least]) / np.maximum(1.0, low),
+                (after[at_most] - high * before[at_most]) / np.maximum(1.0, high),
+            ]
+        )
 
 
 def triples(n_scans: int) -> list[tuple[int, int, int]]:
@@ -107,23 +120,22 @@ def gaps(n_scans: int) -> tuple[FloatArray, FloatArray]:
     return before.astype(np.float64), after.astype(np.float64)
 
 
-def _solve(
-    rows: FloatArray, objective: FloatArray, bounds: list[tuple[float, float | None]]
+def _least(
+    objective: FloatArray,
+    rows: FloatArray,
+    violation: float,
+    bounds: Sequence[tuple[float, float | None]],
 ) -> tuple[int, float]:
-    """Status and smallest value of the objective where rows times steps are not positive."""
-    for presolve in (True, False):
-        outcome = linprog(
-            objective,
-            A_ub=rows,
-            b_ub=np.zeros(len(rows)),
-            bounds=bounds,
-            method="highs",
-            options={
-                "presolve": presolve,
-                "primal_feasibility_tolerance": SOLVER_TOLERANCE,
-                "dual_feasibility_tolerance": SOLVER_TOLERANCE,
-            },
-        )
-        if outcome.status != _TROUBLE:
-            break
+    """The solver's status and the least value of the objective; no row exceeds `violation`."""
+    outcome = linprog(
+        objective,
+        A_ub=rows,
+        b_ub=np.full(len(rows), violation),
+        bounds=bounds,
+        method="highs",
+        options={
+            "primal_feasibility_tolerance": SOLVER_TOLERANCE,
+            "dual_feasibility_tolerance": SOLVER_TOLERANCE,
+        },
+    )
     return int(outcome.status), np.nan if outcome.fun is None else float(outcome.fun)

@@ -55,7 +55,7 @@ def smallest_epsilon(
 
     That is the maximum norm of the bearings' residuals at its minimum over steps and landmarks,
     to 1e-12 radians, and never below: at what is returned `consistent_associations` lists it.
-    For more than three scans the relative relaxation of ratio bounds by 1e-9 comes on top of that.
+    For more than three scans it may be too small by about 1e-8, the violation allowed there.
     `inf` where no epsilon below pi/2 is enough. Misses and false alarms are fine, they ask for
     nothing; labels are not looked at.
 
