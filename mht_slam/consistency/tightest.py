@@ -29,7 +29,7 @@ MAX_TIED = 10_000
 
 _FIRST_TRIED = 1e-3
 _GROWTH = 2.0
-_LARGEST = math.nextafter(RIGHT_ANGLE, 0.0)
+_LARGEST = RIGHT_ANGLE - RESOLUTION
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,11 @@ def smallest_epsilon(
 ) -> float:
     """Return the smallest vision error, radians, at which an association is consistent.
 
-    That is the maximum norm of the bearings' residuals at its minimum over steps and landmarks,
-    to 1e-12 radians, and never below: at what is returned `consistent_associations` lists it.
-    For more than three scans it may be too small by about 1e-8, the violation allowed there.
-    `inf` where no epsilon below pi/2 is enough. Misses and false alarms are fine, they ask for
-    nothing; labels are not looked at.
+    That is the maximum norm of the bearings' residuals at its minimum over steps and landmarks, to
+    1e-12 radians and never below: at what is returned `consistent_associations` lists it. For more
+    than three scans it may be too small by about 1e-8, the violation allowed there. It is 0.0 where
+    rounding alone could explain the residuals, and `inf` where no epsilon below pi/2 (less 1e-12)
+    is enough. Misses and false alarms are fine, they ask for nothing; labels are not looked at.
 
     `association` has a column for each of `scans`, None meaning all of the run's. Raises
     `AssociationError` where it has not; `OptionError` and `MeasurementError` as
@@ -131,7 +131,7 @@ def tightest_association(
             return TightestAssociation(None, math.inf, proven)
         else:
             tried = min(_GROWTH * tried, _LARGEST)
-    tied, _ = search(best, MAX_TIED)
+    tied, _ = search(max(best, RESOLUTION), MAX_TIED)
     least = min(epsilon for epsilon, _ in tied)
     epsilon, association = min(
         (pair for pair in tied if pair[0] <= least + RESOLUTION),
