@@ -55,12 +55,12 @@ def options_of(
     max_false: int,
     window: Interval,
 ) -> Options | None:
-    """Options of three scans that share a ratio inside `window` with some option of every
-    detection, or None where a detection has none.
+    """List what can become of the detections of three scans under ratios inside `window`.
 
-    Options that contradict the labels are left out, as are those that `max_missed` and
+    The window is narrowed to ratios for which every detection has an option; None where there are
+    none. Options that contradict the labels are left out, as are those that `max_missed` and
     `max_false` rule out by themselves.
-    """  # noqa: D205
+    """
     parts = [_seen_by_all(cones)]
     if max_missed >= 1:
         parts += [_seen_by_two(cones, missing) for missing in range(3)]
