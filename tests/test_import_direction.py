@@ -13,7 +13,7 @@ import pytest
 REPOSITORY = Path(__file__).parents[1]
 
 VALUES = ["errors", "arrays", "progress", "measurements", "association", "models", "hypotheses"]
-FOUNDATION = [*VALUES, "comparison"]
+FOUNDATION = [*VALUES, "comparison", "compiled"]
 READERS_OF_THE_VALUES = ["simulation", "datasets"]
 MAIN_JOB = ["consistency", "polygon", "evidence", "factors", "graph", "tracking", "pipeline"]
 AROUND_IT = ["incremental", "evaluation", "plotting", "cli"]
@@ -21,6 +21,7 @@ AROUND_IT = ["incremental", "evaluation", "plotting", "cli"]
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
     "arrays": {"errors"},
+    "compiled": set(),
     "progress": set(),
     "measurements": {"errors", "arrays"},
     "association": {"errors", "arrays", "measurements"},
@@ -46,6 +47,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 ONLY_IN = {
     "gtsam": {"graph", "factors", "incremental"},
     "shapely": {"hypotheses", "consistency", "polygon", "plotting", "pipeline"},
+    "numba": {"compiled"},
     "matplotlib": {"plotting", "cli"},
     "rich": {"cli"},
     "tyro": {"cli"},
@@ -118,7 +120,7 @@ def test_an_import_for_type_checking_only_is_no_import() -> None:
 
 
 def test_a_bare_import_is_light() -> None:
-    heavy = ("matplotlib", "pandas", "gtsam", "shapely", "scipy", "rich", "tyro")
+    heavy = ("matplotlib", "pandas", "gtsam", "numba", "shapely", "scipy", "rich", "tyro")
     program = (
         f"import sys, mht_slam; print([name for name in {heavy!r} if name in sys.modules]); "
         "mht_slam.BearingScan([0.1]); mht_slam.Association([], (1,)); "

@@ -13,9 +13,11 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from mht_slam.arrays import BoolArray, FloatArray, IntArray
+from mht_slam.arrays import BoolArray, FloatArray
+from mht_slam.compiled import compiled
 from mht_slam.polygon.cones import ComplexArray, ObjectArray
-from mht_slam.polygon.support import Boxes, support_points
+from mht_slam.polygon.convex import convex_hull, cross, polygon_area
+from mht_slam.polygon.support import Boxes, all_boxes, support
 
 REGIONS = ("edges", "vertices")
 
@@ -25,10 +27,14 @@ AREA_TOLERANCE = 0.0045
 TOUCHING = 1e-9
 """Base cells closer than this share of their size count as touching."""
 
-_FIRST_DIRECTIONS = 8
+MAX_CORNERS = 128
+"""The most support lines, hence corners, of one region."""
+
+FIRST_DIRECTIONS = 8
 _MAX_ROUNDS = 8
 _DISC_SIDES = 16
 _MIN_TURN = 1e-6
+_NONE = -1.0
 
 
 class Triple(NamedTuple):
@@ -52,10 +58,10 @@ def base_cells_meet(first: ObjectArray, second: ObjectArray) -> BoolArray:
     return np.asarray(shapely.distance(first, second) <= TOUCHING * size, dtype=np.bool_)
 
 
-def landmark_frame_regions(triples: Sequence[Triple], region: str = "edges") -> ObjectArray:
-    """Regions of the third cells in F_L, as (n,) convex polygons.
+def landmark_frame_region(triple: Triple, region: str = "edges") -> ComplexArray:
+    """Region of the third cell in F_L, as the corners of a convex polygon.
 
-    The base cells of a triple must be disjoint.
+    The base cells must be disjoint.
 
     ``region="edges"`` is an outer bound of the convex hull of all z, its area at most half a per
     cent too large. Edges of the base cells become circular arcs, so the hull is closed in between
@@ -67,136 +73,169 @@ def landmark_frame_regions(triples: Sequence[Triple], region: str = "edges") -> 
     Source: the paper's Uncertainty Analysis Method; docs/method.md, section 3.
     """
     if region == "vertices":
-        combined = [_combinations(triple) for triple in triples]
-        owner = np.repeat(np.arange(len(triples)), [len(images) for images in combined])
-        return _hulls(np.concatenate([np.empty(0, np.complex128), *combined]), owner)
-    boxes = _boxes(triples)
-    regions = np.empty(len(triples), dtype=np.object_)
-    angles = np.arange(_FIRST_DIRECTIONS) * (2.0 * np.pi / _FIRST_DIRECTIONS)
-    new_owner = np.repeat(np.arange(len(triples)), _FIRST_DIRECTIONS)
-    new_angle = np.tile(angles, len(triples))
-    owner, angle = new_owner[:0], new_angle[:0]
-    point, height = np.empty(0, np.complex128), np.empty(0)
-    in_disc = np.zeros(len(triples), dtype=np.bool_)
-    for _ in range(_MAX_ROUNDS):
-        if not len(new_owner):
-            break
-        new_point, new_height, given_up = support_points(boxes, new_owner, np.exp(1j * new_angle))
-        for hopeless in np.unique(new_owner[given_up]).tolist():
-            regions[hopeless] = _disc_that_holds(triples[hopeless])
-            in_disc[hopeless] = True
-        owner, angle = np.concatenate([owner, new_owner]), np.concatenate([angle, new_angle])
-        point, height = np.concatenate([point, new_point]), np.concatenate([height, new_height])
-        order = np.lexsort((angle, owner))
-        order = order[~in_disc[owner[order]]]
-        if not len(order):
-            break
-        owner, angle, point, height = owner[order], angle[order], point[order], height[order]
-        loose = _enclose(owner, angle, point, height, regions)
-        unfinished = loose.any_of_owner[owner]
-        new_owner, new_angle = owner[loose.corner], loose.direction[loose.corner]
-        owner, angle = owner[unfinished], angle[unfinished]
-        point, height = point[unfinished], height[unfinished]
-    return regions
+        return corner_combinations(*triple)
+    corners = np.empty(MAX_CORNERS + 1, dtype=np.complex128)
+    return corners[: outline(*triple, corners)]
 
 
-class _Loose(NamedTuple):
-    """Where the outer polygons still stand too far off the inner ones."""
-
-    corner: BoolArray  # (N,) outer corners, each after its support line
-    direction: FloatArray  # (N,) the direction that would cut it off
-    any_of_owner: BoolArray  # (regions,)
-
-
-def _enclose(
-    owner: IntArray,
-    angle: FloatArray,
-    point: ComplexArray,
-    height: FloatArray,
-    regions: ObjectArray,
-) -> _Loose:
-    """Write the outer polygons into `regions`; all arrays sorted by owner, then angle."""
-    start = np.flatnonzero(np.diff(owner, prepend=-1))
-    following = np.arange(1, len(owner) + 1)
-    following[np.append(start[1:], len(owner)) - 1] = start
-    turn = np.mod(angle[following] - angle, 2.0 * np.pi)
-    # Where two neighbouring support lines cross, in the first one's own axes.
-    along = (height[following] - height * np.cos(turn)) / np.sin(turn)
-    corner = np.exp(1j * angle) * (height + 1j * along)
-    chord = point[following] - point
-    gap = 0.5 * np.abs(((corner - point).conj() * chord).imag)
-    members = owner[start]
-    regions[members] = _hulls(corner, owner)
-    n_regions = len(regions)
-    whole = np.zeros(n_regions)
-    whole[members] = shapely.area(regions[members])
-    total_gap = np.bincount(owner, gap, n_regions)
-    n_corners = np.maximum(np.bincount(owner, minlength=n_regions), 1)
-    unfinished = total_gap > AREA_TOLERANCE * whole
-    limit = AREA_TOLERANCE * whole / n_corners
-    direction = np.angle(-1j * chord)
-    inside = np.mod(direction - angle, 2.0 * np.pi)
-    usable = (inside > _MIN_TURN) & (inside < turn - _MIN_TURN)
-    chosen = unfinished[owner] & (gap > limit[owner]) & usable
-    unfinished &= np.bincount(owner[chosen], minlength=n_regions) > 0
-    return _Loose(chosen, np.mod(direction, 2.0 * np.pi), unfinished)
+def landmark_frame_regions(triples: Sequence[Triple], region: str = "edges") -> ObjectArray:
+    """Regions as shapely polygons: see `landmark_frame_region`."""
+    polygons = np.empty(len(triples), dtype=np.object_)
+    for i, triple in enumerate(triples):
+        corners = landmark_frame_region(triple, region)
+        polygons[i] = shapely.Polygon(np.column_stack([corners.real, corners.imag]))
+    return polygons
 
 
-def _boxes(triples: Sequence[Triple]) -> Boxes:
-    """Products of the pieces of both base cells that matter with the third cell's corners."""
-    grids = []
-    pieces: dict[tuple[int, int], tuple[ComplexArray, ComplexArray]] = {}
-    for first, second, third in triples:
-        key = (id(first), id(second))
-        if key not in pieces:
-            pieces[key] = (_bulging_pieces(first, second), _bulging_pieces(second, first))
-        p1, p2 = pieces[key]
-        i, j, k = np.indices((len(p1), len(p2), len(third))).reshape(3, -1)
-        grids.append(np.column_stack([p1[i], p2[j], third[k]]))
-    owner = np.repeat(np.arange(len(triples)), [len(grid) for grid in grids])
-    return Boxes(owner, np.concatenate([np.empty((0, 5), np.complex128), *grids]))
+@compiled
+def corner_combinations(
+    first: ComplexArray, second: ComplexArray, third: ComplexArray
+) -> ComplexArray:
+    """Corners of the hull of z over all combinations of the cells' corners."""
+    images = np.empty(len(first) * len(second) * len(third), dtype=np.complex128)
+    n = 0
+    for p1 in first:
+        for p2 in second:
+            for p3 in third:
+                images[n] = (p3 - p1) / (p2 - p1)
+                n += 1
+    hull = np.empty(n + 1, dtype=np.complex128)
+    return hull[: convex_hull(images, hull)]
 
 
-def _disc_that_holds(triple: Triple) -> object:
-    """A polygon about 0.5, the middle of the base, that every z is in: from distances alone."""
-    first, second = (
-        shapely.Polygon(np.column_stack([cell.real, cell.imag])) for cell in triple[:2]
-    )
-    middle = 0.5 * (triple.first[:, None] + triple.second)
-    farthest = np.abs(triple.third[:, None, None] - middle).max()
-    radius = farthest / shapely.distance(first, second) / np.cos(np.pi / _DISC_SIDES)
-    angles = (np.arange(_DISC_SIDES) + 0.5) * (2.0 * np.pi / _DISC_SIDES)
-    return shapely.Polygon(
-        np.column_stack([0.5 + radius * np.cos(angles), radius * np.sin(angles)])
-    )
+@compiled
+def outline(
+    first: ComplexArray, second: ComplexArray, third: ComplexArray, corners: ComplexArray
+) -> int:
+    """Write the corners of the ``"edges"`` region into `corners`; return how many.
 
-
-def _bulging_pieces(cell: ComplexArray, other: ComplexArray) -> ComplexArray:
-    """(K, 2) edges of `cell` that some point of `other` sees from outside, then lone corners.
-
-    1 / (p2 - p1) maps an edge to an arc of a circle through 0. The image of the cell lies inside
-    that circle only where the edge is seen from outside; all other edges bend inwards, and only
-    their ends can be extreme.
+    `corners` has room for `MAX_CORNERS` + 1.
     """
-    ends = np.roll(cell, -1)
-    seen = ((ends - cell).conj()[:, None] * (other[None, :] - cell[:, None])).imag.min(axis=1) < 0.0
-    lone = cell[~(seen | np.roll(seen, 1))]
-    return np.concatenate([np.column_stack([cell, ends])[seen], np.column_stack([lone, lone])])
+    boxes = all_boxes(first, second, third)
+    point = np.empty((FIRST_DIRECTIONS, 2), dtype=np.complex128)
+    height = np.empty(FIRST_DIRECTIONS)
+    count = 0
+    if first_lines(boxes, third, point, height):
+        count = enclose(boxes, third, point, height, corners)
+    return count if count else disc_that_holds(first, second, third, corners)
 
 
-def _combinations(triple: Triple) -> ComplexArray:
-    p1, p2, p3 = (
-        triple.first[:, None, None],
-        triple.second[None, :, None],
-        triple.third[None, None, :],
-    )
-    images: ComplexArray = ((p3 - p1) / (p2 - p1)).ravel()
-    return images
+@compiled
+def first_lines(boxes: Boxes, third: ComplexArray, point: ComplexArray, height: FloatArray) -> bool:
+    """Support lines in `FIRST_DIRECTIONS` directions; False if one was given up.
+
+    Writes the heights, and in `point` (directions, 2) where each line begins and ends to touch.
+    """
+    start = boxes.images[0, 0, 0]
+    for i in range(FIRST_DIRECTIONS):
+        direction = np.exp(1j * (i * (2.0 * np.pi / FIRST_DIRECTIONS)))
+        touch = support(direction, boxes, third, start, start)
+        if not touch.found:
+            return False
+        point[i], height[i] = (touch.begin, touch.end), touch.height
+    return True
 
 
-def _hulls(images: ComplexArray, owner: IntArray) -> ObjectArray:
-    """Convex hull of the complex points of each owner; `owner` is sorted."""
-    # A line string through the points is their cheapest container; only its hull is wanted.
-    _, index = np.unique(owner, return_inverse=True)
-    strings = shapely.linestrings(np.column_stack([images.real, images.imag]), indices=index)
-    return np.asarray(shapely.convex_hull(strings), dtype=np.object_)
+@compiled
+def enclose(
+    boxes: Boxes,
+    third: ComplexArray,
+    first_point: ComplexArray,
+    first_height: FloatArray,
+    corners: ComplexArray,
+) -> int:
+    """Add support lines to the first ones until they close the region in; 0 if given up."""
+    angle, height = np.empty(MAX_CORNERS), np.empty(MAX_CORNERS)
+    begin, end = np.empty((2, MAX_CORNERS), dtype=np.complex128)
+    count = FIRST_DIRECTIONS
+    angle[:count] = np.arange(count) * (2.0 * np.pi / count)
+    height[:count] = first_height
+    begin[:count], end[:count] = first_point.T
+    crossings = np.empty(MAX_CORNERS, dtype=np.complex128)
+    gaps = np.empty(MAX_CORNERS)
+    n_corners = 0
+    for _ in range(_MAX_ROUNDS):
+        for i in range(count):
+            j = (i + 1) % count
+            crossings[i] = _crossing(angle[i], height[i], angle[j], height[j])
+            gaps[i] = 0.5 * abs(cross(crossings[i] - end[i], begin[j] - end[i]))
+        n_corners = convex_hull(crossings[:count], corners)
+        whole = polygon_area(corners, n_corners)
+        if gaps[:count].sum() <= AREA_TOLERANCE * whole:
+            break
+        limit = AREA_TOLERANCE * whole / count
+        chosen = np.full(count, _NONE)
+        for i in range(count):
+            j = (i + 1) % count
+            if gaps[i] > limit:
+                chosen[i] = _direction_between(angle[i], end[i], angle[j], begin[j])
+        added = int((chosen != _NONE).sum())
+        if added == 0 or count + added > MAX_CORNERS:
+            break
+        place = count + added
+        following = begin[0]
+        for i in range(count - 1, -1, -1):
+            if chosen[i] != _NONE:
+                place -= 1
+                touch = support(np.exp(1j * chosen[i]), boxes, third, end[i], following)
+                if not touch.found:
+                    return 0
+                angle[place], height[place] = chosen[i], touch.height
+                begin[place], end[place] = touch.begin, touch.end
+            following = begin[i]
+            place -= 1
+            angle[place], height[place] = angle[i], height[i]
+            begin[place], end[place] = begin[i], end[i]
+        count += added
+    return n_corners
+
+
+@compiled
+def _crossing(angle_1: float, height_1: float, angle_2: float, height_2: float) -> complex:
+    """Where two support lines cross, found in the first one's own axes."""
+    turn = angle_2 - angle_1
+    along = (height_2 - height_1 * np.cos(turn)) / np.sin(turn)
+    return complex(np.exp(1j * angle_1) * complex(height_1, along))
+
+
+@compiled
+def _direction_between(angle_1: float, point_1: complex, angle_2: float, point_2: complex) -> float:
+    """The direction at a right angle to a chord, if it lies between those of its two lines."""
+    chord = point_2 - point_1
+    if chord == 0.0:
+        return _NONE
+    direction = np.angle(-1j * chord) % (2.0 * np.pi)
+    turn = (angle_2 - angle_1) % (2.0 * np.pi)
+    inside = (direction - angle_1) % (2.0 * np.pi)
+    return direction if _MIN_TURN < inside < turn - _MIN_TURN else _NONE
+
+
+@compiled
+def disc_that_holds(
+    first: ComplexArray, second: ComplexArray, third: ComplexArray, corners: ComplexArray
+) -> int:
+    """A polygon about 0.5, the middle of the base, that every z is in: from distances alone."""
+    farthest = 0.0
+    for p1 in first:
+        for p2 in second:
+            for p3 in third:
+                farthest = max(farthest, abs(p3 - 0.5 * (p1 + p2)))
+    nearest = min(_distance(first, second), _distance(second, first))
+    radius = farthest / nearest / np.cos(np.pi / _DISC_SIDES)
+    for i in range(_DISC_SIDES):
+        corners[i] = 0.5 + radius * np.exp(1j * (i + 0.5) * (2.0 * np.pi / _DISC_SIDES))
+    return _DISC_SIDES
+
+
+@compiled
+def _distance(points: ComplexArray, polygon: ComplexArray) -> float:
+    """Least distance of some points from the sides of a polygon that holds none of them."""
+    nearest = np.inf
+    for i in range(len(polygon)):
+        start, along = polygon[i], polygon[(i + 1) % len(polygon)] - polygon[i]
+        for point in points:
+            away = point - start
+            length = abs(along) ** 2
+            share = (away * along.conjugate()).real / length if length > 0.0 else 0.0
+            nearest = min(nearest, abs(away - min(max(share, 0.0), 1.0) * along))
+    return nearest

@@ -14,13 +14,9 @@ from mht_slam.hypotheses import RankedAssociation, Ranking
 from mht_slam.measurements import BearingScan, RunPair, StraightRun, scan_selection
 from mht_slam.polygon.base import choose_base, given_base
 from mht_slam.polygon.enumeration import completions
-from mht_slam.polygon.exhaustive import (
-    MIN_LANDMARKS,
-    Problem,
-    cell_exists,
-    exhaustive_search,
-)
+from mht_slam.polygon.exhaustive import exhaustive_search
 from mht_slam.polygon.landmark_frame import REGIONS, base_cells_meet
+from mht_slam.polygon.problem import MIN_LANDMARKS, Problem, cell_exists
 from mht_slam.polygon.ratio import RATIOS
 from mht_slam.polygon.tables import PairOfScans
 from mht_slam.polygon.unified_map import MapRecipe, draw_map

@@ -15,9 +15,9 @@ import numpy as np
 from mht_slam.arrays import BoolArray, FloatArray, IntArray
 from mht_slam.errors import OptionError
 from mht_slam.measurements import BearingScan
-from mht_slam.polygon.cones import Cells, ObjectArray, cells, corners
-from mht_slam.polygon.landmark_frame import Triple, base_cells_meet, landmark_frame_regions
-from mht_slam.polygon.ratio import ratio_table
+from mht_slam.polygon.cones import Cells, cells, corners
+from mht_slam.polygon.landmark_frame import Triple, base_cells_meet, landmark_frame_region
+from mht_slam.polygon.ratio import Outlines, ratio_table
 
 MAX_REGIONS = 200_000
 """The most regions in F_L of one pair of scans."""
@@ -133,7 +133,7 @@ def third_landmarks(
 
 def _pair_regions(
     pair: PairOfScans, base: tuple[int, int], region: str
-) -> tuple[ObjectArray, IntArray, IntArray]:
+) -> tuple[Outlines, IntArray, IntArray]:
     """All regions of one pair.
 
     Returns the regions; their index by (option, option, third cell), -1 where there is none; and
@@ -147,7 +147,7 @@ def _pair_regions(
     index = np.full((n_options, n_options, n_cells), -1, dtype=np.int64)
     triples: list[Triple] = []
     bases: list[int] = []
-    for number, (o1, o2) in enumerate(_base_options(pair, base)):
+    for number, (o1, o2) in enumerate(base_options(pair, base)):
         free = ~(pair.clash[o1] | pair.clash[o2])
         possible[:] = False
         possible[pair.cell_of[others][:, free]] = True
@@ -158,7 +158,8 @@ def _pair_regions(
         bases += [number] * len(thirds)
         if len(triples) > MAX_REGIONS:
             raise _too_large(f"{MAX_REGIONS:,} regions in F_L")
-    return landmark_frame_regions(triples, region), index, np.array(bases, dtype=np.int64)
+    regions = Outlines.of([landmark_frame_region(triple, region) for triple in triples])
+    return regions, index, np.array(bases, dtype=np.int64)
 
 
 def _too_large(size: str) -> OptionError:
@@ -168,7 +169,7 @@ def _too_large(size: str) -> OptionError:
     )
 
 
-def _base_options(pair: PairOfScans, base: tuple[int, int]) -> IntArray:
+def base_options(pair: PairOfScans, base: tuple[int, int]) -> IntArray:
     """(N, 2) options of the two base landmarks whose cells exist and are disjoint."""
     first, second = pair.cell_of[base[0]], pair.cell_of[base[1]]
     possible = pair.filled[first][:, None] & pair.filled[second][None, :] & ~pair.clash

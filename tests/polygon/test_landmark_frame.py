@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from mht_slam.polygon.cones import cells, corners
 from mht_slam.polygon.landmark_frame import Triple, base_cells_meet, landmark_frame_regions
-from mht_slam.polygon.ratio import intersection_ratios, ratio_table
+from mht_slam.polygon.ratio import Outlines, ratio_table
 
 Complex = npt.NDArray[np.complex128]
 
@@ -126,9 +126,14 @@ def test_cells_that_share_a_point_meet_and_distant_ones_do_not() -> None:
     assert base_cells_meet(np.array([box] * 3), np.array(others)).tolist() == [True, True, False]
 
 
+def outline_of(polygon: shapely.Geometry) -> Complex:
+    x, y = shapely.get_coordinates(shapely.orient_polygons(polygon))[:-1].T
+    return np.asarray(x + 1j * y)
+
+
 def test_ratios_of_squares() -> None:
-    squares = np.array([shapely.box(x, 0.0, x + 1.0, 1.0) for x in (0.0, 0.5, 2.0)])
-    wide = np.array([shapely.box(0.0, 0.0, 2.0, 1.0)])
+    squares = Outlines.of([outline_of(shapely.box(x, 0.0, x + 1.0, 1.0)) for x in (0.0, 0.5, 2.0)])
+    wide = Outlines.of([outline_of(shapely.box(0.0, 0.0, 2.0, 1.0))])
     every = np.ones((3, 1), dtype=np.bool_)
     assert ratio_table(squares, wide, "iou", every)[:, 0] == pytest.approx([0.5, 0.5, 0.0])
     assert ratio_table(squares, wide, "overlap", every)[:, 0] == pytest.approx([1.0, 1.0, 0.0])
@@ -136,7 +141,7 @@ def test_ratios_of_squares() -> None:
 
 
 def test_a_region_without_area_has_ratio_zero() -> None:
-    flat = np.array([shapely.LineString([(0.0, 0.0), (1.0, 0.0)])])
-    square = np.array([shapely.box(0.0, -1.0, 1.0, 1.0)])
+    flat = Outlines.of([np.array([0.0 + 0.0j, 1.0 + 0.0j])])
+    square = Outlines.of([outline_of(shapely.box(0.0, -1.0, 1.0, 1.0))])
     for ratio in ("iou", "overlap"):
-        assert intersection_ratios(flat, square, ratio)[0] == 0.0
+        assert ratio_table(flat, square, ratio, np.ones((1, 1), dtype=np.bool_))[0, 0] == 0.0
