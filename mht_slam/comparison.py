@@ -20,7 +20,7 @@ class ComparisonRow:
     association: Association
     polygon_score: float | None
     polygon_rank: int | None
-    log_likelihood: float
+    log_likelihood: float | None
     log_evidence: float
     evidence_rank: int
     probability: float

@@ -134,16 +134,16 @@ class Ranking(Sequence[RankedAssociation]):
 class Hypothesis:
     """An association with its scores and its estimate from the factor graph.
 
-    Arrays are None where `failure` is not None. Frame: the run's (of a `RunPair` the first one's),
+    Arrays are None where `failure` is not None, and where only the evidence was asked for. Frame: the run's (of a `RunPair` the first one's),
     O1 = (0, 0) and O2 one baseline along +x; the unit is the posterior's.
 
     Attributes
     ----------
     association : over the posterior's scans.
     score : the polygon score, or None when the candidate came without one.
-    log_likelihood : normalised bearing and false-alarm terms at the estimate, priors left out.
-    log_evidence : evidence with every normaliser, taken as `refine` was asked to; -inf for a
-        failure.
+    log_likelihood : normalised bearing and false-alarm terms at the estimate, priors left out; None
+        where no estimate was made.
+    log_evidence : evidence with every normaliser, taken as asked for; -inf for a failure.
     probability : over the candidates given.
     failure : why there is no estimate, or None.
     poses : (m, 3) x, y, theta of each scan.
@@ -157,7 +157,7 @@ class Hypothesis:
 
     association: Association
     score: float | None
-    log_likelihood: float
+    log_likelihood: float | None
     log_evidence: float
     probability: float
     failure: str | None = None
@@ -178,7 +178,8 @@ class Hypothesis:
         l's Point2; the values are the estimate. Raises `NoEstimateError` for a failed hypothesis.
         """
         if self._build_graph is None:
-            raise NoEstimateError(f"the hypothesis has no estimate: {self.failure}")
+            reason = self.failure or "only its evidence was taken; refine makes estimates"
+            raise NoEstimateError(f"the hypothesis has no estimate: {reason}")
         return self._build_graph()
 
 
@@ -193,6 +194,8 @@ class Posterior(Sequence[Hypothesis]):
     model : the `ObservationModel` behind every number.
     unit : "baseline" or "metre".
     covered : bound on the probability outside the candidates, or None when nothing is known.
+    complete : whether nothing unlisted has more evidence than the last one listed, proven for the
+        discretised evidence; None where nobody searched.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -200,6 +203,7 @@ class Posterior(Sequence[Hypothesis]):
     model: ObservationModel
     unit: str = "baseline"
     covered: float | None = None
+    complete: bool | None = None
 
     def __len__(self) -> int:
         return len(self.hypotheses)

@@ -88,8 +88,8 @@ def _table(comparison: Comparison, truth: Association | None) -> Table:
     return table
 
 
-def _decimals(value: float) -> str:
-    return f"{value:.2f}" if math.isfinite(value) else "none"
+def _decimals(value: float | None) -> str:
+    return "none" if value is None or not math.isfinite(value) else f"{value:.2f}"
 
 
 def _nothing(ranking: Ranking) -> str:

@@ -5,25 +5,30 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
-from dataclasses import replace
 from functools import partial
-from typing import Any, TypeAlias, get_args
+from typing import Any, get_args
 
 import numpy as np
-from scipy.special import logsumexp
 
 from mht_slam.arrays import freeze
 from mht_slam.association import MISSED, Association, respects_labels
-from mht_slam.errors import AssociationError, OptionError
+from mht_slam.errors import OptionError
+from mht_slam.evidence.candidates import (
+    Candidates,
+    check_sizes,
+    distinct_candidates,
+    false_alarm_term,
+    size_weight,
+    stated_model,
+    with_probabilities,
+)
 from mht_slam.graph.build import build_graph, graph_keys, make_values
 from mht_slam.graph.problem import Problem, make_problem
 from mht_slam.graph.solve import Estimate, EvidenceMethod, UnsolvedError, solve_association
-from mht_slam.hypotheses import Hypothesis, Posterior, RankedAssociation, Ranking
+from mht_slam.hypotheses import Hypothesis, Posterior
 from mht_slam.measurements import RunPair, StraightRun
 from mht_slam.models import ObservationModel
 from mht_slam.progress import Progress
-
-Candidates: TypeAlias = Ranking | Posterior | Iterable[Association | RankedAssociation | Hypothesis]
 
 BEYOND_FLOATS = "the model's numbers go beyond double precision"
 
@@ -92,98 +97,19 @@ def refine(
     """
     if not isinstance(run, StraightRun | RunPair):
         raise OptionError(f"run is {type(run).__name__}: give a StraightRun or a RunPair")
-    scans, pairs = _distinct(run, candidates)
+    scans, pairs = distinct_candidates(run, candidates)
     if evidence not in get_args(EvidenceMethod):
         raise OptionError(f"evidence is {evidence!r}: give one of {get_args(EvidenceMethod)}")
-    full_model = _model(run, scans, sigma, heading_sigma, lateral_sigma, model)
-    _check_sizes([association for association, _ in pairs], full_model)
+    full_model = stated_model(run, scans, sigma, heading_sigma, lateral_sigma, model)
+    check_sizes([association for association, _ in pairs], full_model)
     problem = make_problem(run, scans, full_model, scale)
     hypotheses = list(_hypotheses(problem, pairs, evidence, executor, progress))
     return Posterior(
-        hypotheses=_with_probabilities(hypotheses),
+        hypotheses=with_probabilities(hypotheses),
         scans=scans,
         model=full_model,
         unit="baseline" if scale is None else "metre",
     )
-
-
-def _distinct(
-    run: StraightRun | RunPair, candidates: Candidates
-) -> tuple[tuple[int, ...], list[tuple[Association, float | None]]]:
-    """Scan indices, and every different candidate with its polygon score."""
-    scans = tuple(range(len(run)))
-    if isinstance(candidates, Ranking | Posterior):
-        if max(candidates.scans, default=-1) >= len(run):
-            raise AssociationError(
-                f"candidates are over scans {candidates.scans}, the run has scans 0 to "
-                f"{len(run) - 1}: give candidates of this run"
-            )
-        scans = candidates.scans
-    elif not isinstance(candidates, Iterable):
-        raise AssociationError(
-            f"candidates is {type(candidates).__name__}: give a Ranking, or a list of associations"
-        )
-    expected = tuple(run.n_detections[i] for i in scans)
-    scores: dict[Association, float | None] = {}
-    for i, candidate in enumerate(candidates):
-        if isinstance(candidate, Association):
-            association, score = candidate, None
-        elif isinstance(candidate, RankedAssociation | Hypothesis):
-            association, score = candidate.association, candidate.score
-        else:
-            raise AssociationError(
-                f"candidates[{i}] is {type(candidate).__name__}: give a Ranking or associations"
-            )
-        if association.n_detections != expected:
-            raise AssociationError(
-                f"candidates[{i}] is over scans with {association.n_detections} detections, the "
-                f"run has {expected}: give associations over the run's scans"
-            )
-        scores.setdefault(association, score)
-    return scans, list(scores.items())
-
-
-def _model(
-    run: StraightRun | RunPair,
-    scans: tuple[int, ...],
-    sigma: float | None,
-    heading_sigma: float,
-    lateral_sigma: float,
-    model: ObservationModel | None,
-) -> ObservationModel:
-    if model is None:
-        if sigma is None:
-            with_detections = [run.scans[i] for i in scans if len(run.scans[i])]
-            stated = [scan.sigma for scan in with_detections if scan.sigma is not None]
-            if not stated or len(stated) < len(with_detections):
-                raise OptionError(
-                    "sigma is not known: give sigma= in radians, a model, or a sigma to every scan"
-                )
-            sigma = float(np.median(np.concatenate(stated)))
-        return ObservationModel(
-            sigma=sigma, heading_sigma=heading_sigma, lateral_sigma=lateral_sigma
-        )
-    if not isinstance(model, ObservationModel):
-        raise OptionError(f"model is {type(model).__name__}: give an ObservationModel")
-    changes: dict[str, Any] = {}
-    if sigma is not None:
-        changes["sigma"] = sigma
-    if heading_sigma:
-        changes["heading_sigma"] = heading_sigma
-    if lateral_sigma:
-        changes["lateral_sigma"] = lateral_sigma
-    return replace(model, **changes)
-
-
-def _check_sizes(associations: list[Association], model: ObservationModel) -> None:
-    if model.compares_sizes:
-        return
-    sizes = {(a.n_landmarks, a.n_missed, len(a.false_alarms)) for a in associations}
-    if len(sizes) > 1:
-        raise OptionError(
-            "the candidates differ in their numbers of landmarks, misses or false alarms: give a "
-            "model with detection_probability, false_alarm_rate and expected_landmarks"
-        )
 
 
 def _hypotheses(
@@ -221,7 +147,7 @@ def _solve_one(
     failed = partial(Hypothesis, association, score, -math.inf, -math.inf, 0.0)
     if not respects_labels(association, problem.scans):
         return failed("it contradicts the detections' labels")
-    weight = _size_weight(association, problem.model)
+    weight = size_weight(association, problem.model)
     if weight == -math.inf:
         return failed("the model rules out its misses or false alarms")
     try:
@@ -237,7 +163,7 @@ def _solve_one(
     return Hypothesis(
         association=association,
         score=score,
-        log_likelihood=estimate.log_likelihood + _false_alarm_term(association, problem.model),
+        log_likelihood=estimate.log_likelihood + false_alarm_term(association, problem.model),
         log_evidence=estimate.log_evidence + weight,
         probability=0.0,
         poses=freeze(estimate.poses),
@@ -248,44 +174,6 @@ def _solve_one(
         ranged=freeze((association.table != MISSED).sum(axis=1) >= 2),
         _build_graph=partial(_to_gtsam, problem, association, estimate),
     )
-
-
-def _size_weight(association: Association, model: ObservationModel) -> float:
-    """Log weight of landmarks, detections, misses and false alarms; 0 where not modelled."""
-    if not model.compares_sizes:
-        return 0.0
-    assert model.detection_probability is not None  # noqa: S101 - narrows the type
-    assert model.expected_landmarks is not None  # noqa: S101 - narrows the type
-    n_seen = association.table.size - association.n_missed
-    return (
-        association.n_landmarks * math.log(model.expected_landmarks)
-        + n_seen * math.log(model.detection_probability)
-        + _times_log(association.n_missed, 1.0 - model.detection_probability)
-        + _false_alarm_term(association, model)
-    )
-
-
-def _false_alarm_term(association: Association, model: ObservationModel) -> float:
-    if model.false_alarm_rate is None:
-        return 0.0
-    return _times_log(len(association.false_alarms), model.false_alarm_rate)
-
-
-def _times_log(count: int, value: float) -> float:
-    if count == 0:
-        return 0.0
-    return count * math.log(value) if value > 0.0 else -math.inf
-
-
-def _with_probabilities(hypotheses: list[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """Normalise by log-sum-exp and sort; equal evidences go by the table, failures last."""
-    evidence = np.array([h.log_evidence for h in hypotheses])
-    if np.isfinite(evidence).any():
-        probabilities = np.exp(evidence - logsumexp(evidence)).tolist()
-    else:
-        probabilities = [0.0] * len(hypotheses)
-    weighed = [replace(h, probability=p) for h, p in zip(hypotheses, probabilities, strict=True)]
-    return tuple(sorted(weighed, key=lambda h: (-h.log_evidence, h.association.sort_key())))
 
 
 def _to_gtsam(problem: Problem, association: Association, estimate: Estimate) -> tuple[Any, ...]:

@@ -63,7 +63,7 @@ def landmark_map_figure(
     figure = Figure(figsize=(9.0, 8.6), layout="constrained")
     axes = figure.subplots()
     estimate = None
-    if hypothesis.failure is None:
+    if hypothesis.poses is not None:
         estimate = estimate_in_landmark_frame(hypothesis, landmark_map.base)
     true_points = _true_points(truth, hypothesis.association, landmark_map.base)
     regions = (*landmark_map.landmarks, *landmark_map.observation_points)
