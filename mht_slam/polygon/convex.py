@@ -91,26 +91,41 @@ def shared_area(first: ComplexArray, n_first: int, second: ComplexArray, n_secon
     here[:count] = first[:count]
     for side in range(n_second):
         start = second[side]
-        along = second[(side + 1) % n_second] - start
-        kept = 0
-        previous = here[count - 1]
-        height = cross(along, previous - start)
-        for i in range(count):
-            corner = here[i]
-            own = cross(along, corner - start)
-            if (own >= -rounding) != (height >= -rounding):
-                share = abs(height) / (abs(height) + abs(own))
-                there[kept] = previous + (corner - previous) * share
-                kept += 1
-            if own >= -rounding:
-                there[kept] = corner
-                kept += 1
-            previous, height = corner, own
-        here, there = there, here
-        count = kept
+        count = clip(here, count, start, second[(side + 1) % n_second] - start, rounding, there)
         if count < 3:
             return 0.0
+        here, there = there, here
     return max(polygon_area(here, count), 0.0)
+
+
+@compiled
+def clip(
+    polygon: ComplexArray,
+    count: int,
+    start: complex,
+    along: complex,
+    rounding: float,
+    clipped: ComplexArray,
+) -> int:
+    """Write the part of a convex polygon on the left of a line into `clipped`; return its corners.
+
+    Corners count as on the left up to an area of `rounding` beside `along`.
+    """
+    kept = 0
+    previous = polygon[count - 1]
+    height = cross(along, previous - start)
+    for i in range(count):
+        corner = polygon[i]
+        own = cross(along, corner - start)
+        if (own >= -rounding) != (height >= -rounding):
+            share = abs(height) / (abs(height) + abs(own))
+            clipped[kept] = previous + (corner - previous) * share
+            kept += 1
+        if own >= -rounding:
+            clipped[kept] = corner
+            kept += 1
+        previous, height = corner, own
+    return kept
 
 
 @compiled

@@ -16,7 +16,7 @@ import shapely
 from mht_slam.arrays import BoolArray, FloatArray
 from mht_slam.compiled import compiled
 from mht_slam.polygon.cones import ComplexArray, ObjectArray
-from mht_slam.polygon.convex import convex_hull, cross, polygon_area
+from mht_slam.polygon.convex import clip, convex_hull, cross, polygon_area
 from mht_slam.polygon.support import Boxes, all_boxes, support
 
 REGIONS = ("edges", "vertices")
@@ -31,6 +31,8 @@ MAX_CORNERS = 128
 """The most support lines, hence corners, of one region."""
 
 FIRST_DIRECTIONS = 8
+"""Directions that every region starts from: both axes, and the lines half-way between them."""
+
 _MAX_ROUNDS = 8
 _DISC_SIDES = 16
 _MIN_TURN = 1e-6
@@ -115,13 +117,13 @@ def outline(
     point = np.empty((FIRST_DIRECTIONS, 2), dtype=np.complex128)
     height = np.empty(FIRST_DIRECTIONS)
     count = 0
-    if first_lines(boxes, third, point, height):
-        count = enclose(boxes, third, point, height, corners)
+    if first_lines(boxes, point, height):
+        count = enclose(boxes, point, height, corners)
     return count if count else disc_that_holds(first, second, third, corners)
 
 
 @compiled
-def first_lines(boxes: Boxes, third: ComplexArray, point: ComplexArray, height: FloatArray) -> bool:
+def first_lines(boxes: Boxes, point: ComplexArray, height: FloatArray) -> bool:
     """Support lines in `FIRST_DIRECTIONS` directions; False if one was given up.
 
     Writes the heights, and in `point` (directions, 2) where each line begins and ends to touch.
@@ -129,7 +131,7 @@ def first_lines(boxes: Boxes, third: ComplexArray, point: ComplexArray, height: 
     start = boxes.images[0, 0, 0]
     for i in range(FIRST_DIRECTIONS):
         direction = np.exp(1j * (i * (2.0 * np.pi / FIRST_DIRECTIONS)))
-        touch = support(direction, boxes, third, start, start)
+        touch = support(direction, boxes, start, start)
         if not touch.found:
             return False
         point[i], height[i] = (touch.begin, touch.end), touch.height
@@ -138,38 +140,37 @@ def first_lines(boxes: Boxes, third: ComplexArray, point: ComplexArray, height: 
 
 @compiled
 def enclose(
-    boxes: Boxes,
-    third: ComplexArray,
-    first_point: ComplexArray,
-    first_height: FloatArray,
-    corners: ComplexArray,
+    boxes: Boxes, first_point: ComplexArray, first_height: FloatArray, corners: ComplexArray
 ) -> int:
-    """Add support lines to the first ones until they close the region in; 0 if given up."""
+    """Add support lines to the first ones until they close the region in.
+
+    Writes the corners of the polygon between all lines, and returns how many; 0 if given up.
+    """
     angle, height = np.empty(MAX_CORNERS), np.empty(MAX_CORNERS)
     begin, end = np.empty((2, MAX_CORNERS), dtype=np.complex128)
     count = FIRST_DIRECTIONS
     angle[:count] = np.arange(count) * (2.0 * np.pi / count)
     height[:count] = first_height
     begin[:count], end[:count] = first_point.T
-    crossings = np.empty(MAX_CORNERS, dtype=np.complex128)
-    gaps = np.empty(MAX_CORNERS)
-    n_corners = 0
+    polygon, clipped = corners, np.empty_like(corners)
+    n_corners = first_polygon(first_height, polygon, clipped)
+    gaps, chosen = np.empty(MAX_CORNERS), np.empty(MAX_CORNERS)
     for _ in range(_MAX_ROUNDS):
+        whole = polygon_area(polygon, n_corners)
         for i in range(count):
             j = (i + 1) % count
-            crossings[i] = _crossing(angle[i], height[i], angle[j], height[j])
-            gaps[i] = 0.5 * abs(cross(crossings[i] - end[i], begin[j] - end[i]))
-        n_corners = convex_hull(crossings[:count], corners)
-        whole = polygon_area(corners, n_corners)
+            crossing = _crossing(angle[i], height[i], angle[j], height[j])
+            gaps[i] = 0.5 * abs(cross(crossing - end[i], begin[j] - end[i]))
         if gaps[:count].sum() <= AREA_TOLERANCE * whole:
             break
         limit = AREA_TOLERANCE * whole / count
-        chosen = np.full(count, _NONE)
+        added = 0
         for i in range(count):
             j = (i + 1) % count
+            chosen[i] = _NONE
             if gaps[i] > limit:
                 chosen[i] = _direction_between(angle[i], end[i], angle[j], begin[j])
-        added = int((chosen != _NONE).sum())
+                added += chosen[i] != _NONE
         if added == 0 or count + added > MAX_CORNERS:
             break
         place = count + added
@@ -177,17 +178,43 @@ def enclose(
         for i in range(count - 1, -1, -1):
             if chosen[i] != _NONE:
                 place -= 1
-                touch = support(np.exp(1j * chosen[i]), boxes, third, end[i], following)
+                direction = np.exp(1j * chosen[i])
+                touch = support(direction, boxes, end[i], following)
                 if not touch.found:
                     return 0
                 angle[place], height[place] = chosen[i], touch.height
                 begin[place], end[place] = touch.begin, touch.end
+                n_corners = _clip_by_line(polygon, n_corners, direction, touch.height, clipped)
+                polygon, clipped = clipped, polygon
             following = begin[i]
             place -= 1
             angle[place], height[place] = angle[i], height[i]
             begin[place], end[place] = begin[i], end[i]
         count += added
+    corners[:n_corners] = polygon[:n_corners]
     return n_corners
+
+
+@compiled
+def first_polygon(height: FloatArray, polygon: ComplexArray, clipped: ComplexArray) -> int:
+    """Write the polygon between the first support lines into `polygon`; return its corners."""
+    count = 4
+    polygon[0] = complex(-height[4], -height[6])
+    polygon[1] = complex(height[0], -height[6])
+    polygon[2] = complex(height[0], height[2])
+    polygon[3] = complex(-height[4], height[2])
+    for i in range(1, FIRST_DIRECTIONS, 2):
+        direction = np.exp(1j * (i * (2.0 * np.pi / FIRST_DIRECTIONS)))
+        count = _clip_by_line(polygon, count, direction, height[i], clipped)
+        polygon[:count] = clipped[:count]
+    return count
+
+
+@compiled
+def _clip_by_line(
+    polygon: ComplexArray, count: int, direction: complex, height: float, clipped: ComplexArray
+) -> int:
+    return clip(polygon, count, direction * height, 1j * direction, 0.0, clipped)
 
 
 @compiled

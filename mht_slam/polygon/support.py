@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mht_slam.arrays import FloatArray
+from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.compiled import compiled
 from mht_slam.polygon.cones import ComplexArray
 
@@ -24,110 +24,29 @@ MAX_BOXES = 256
 """Boxes that may be open at once before a search is given up."""
 
 _MAX_ROUNDS = 60
-_LEVEL = 1e-11
+_TIE = 1e-11
 
 
 class Boxes(NamedTuple):
-    """Boxes that cover the boundaries of both base cells, for one third cell.
+    """What the search for one region starts from.
 
     Attributes
     ----------
-    ends : (N, 4) both ends of the piece for p1, both ends of that for p2.
-    images : (N, 4, n3) z at the corners of each box, p2 changing faster, for every p3.
+    first, second, third : corners of the cells.
+    images : (n1, n2, n3) z at all combinations of corners.
+    pieces : (N, 4) corners at both ends of p1's piece and at both ends of p2's, for each box.
     bulges : (N, 4) longest p3 - p2, longest p3 - p1, and the bulges along either piece.
+    open_ends, open_bulges : room for the open boxes of two rounds.
     """
 
-    ends: ComplexArray
+    first: ComplexArray
+    second: ComplexArray
+    third: ComplexArray
     images: ComplexArray
+    pieces: IntArray
     bulges: FloatArray
-
-
-@compiled
-def boundary_pieces(cell: ComplexArray, other: ComplexArray) -> ComplexArray:
-    """(K, 2) edges of `cell` that some point of `other` sees from outside, then lone corners.
-
-    1 / (p2 - p1) maps an edge to an arc of a circle through 0. The image of the cell lies inside
-    that circle only where the edge is seen from outside; all other edges bend inwards, and only
-    their ends can be extreme.
-    """
-    n = len(cell)
-    pieces = np.empty((n, 2), dtype=np.complex128)
-    seen = np.zeros(n, dtype=np.bool_)
-    for i in range(n):
-        along = (cell[(i + 1) % n] - cell[i]).conjugate()
-        for point in other:
-            seen[i] |= (along * (point - cell[i])).imag < 0.0
-    count = 0
-    for i in range(n):
-        if seen[i]:
-            pieces[count, 0], pieces[count, 1] = cell[i], cell[(i + 1) % n]
-            count += 1
-    for i in range(n):
-        if not seen[i] and not seen[i - 1]:
-            pieces[count] = cell[i]
-            count += 1
-    return pieces[:count]
-
-
-@compiled
-def all_boxes(first: ComplexArray, second: ComplexArray, third: ComplexArray) -> Boxes:
-    """Boxes that cover the boundaries of both base cells."""
-    pieces_1, pieces_2 = boundary_pieces(first, second), boundary_pieces(second, first)
-    n = len(pieces_1) * len(pieces_2)
-    ends = np.empty((n, 4), dtype=np.complex128)
-    images = np.empty((n, 4, len(third)), dtype=np.complex128)
-    bulges = np.empty((n, 4))
-    for i in range(len(pieces_1)):
-        for j in range(len(pieces_2)):
-            k = i * len(pieces_2) + j
-            ends[k, :2] = pieces_1[i]
-            ends[k, 2:] = pieces_2[j]
-            box_images(ends[k], third, images[k])
-            arm_1, arm_2 = longest_arms(ends[k], third)
-            bulge_1, bulge_2 = box_bulges(ends[k], arm_1, arm_2)
-            bulges[k] = (arm_1, arm_2, bulge_1, bulge_2)
-    return Boxes(ends, images, bulges)
-
-
-@compiled
-def box_images(box: ComplexArray, third: ComplexArray, images: ComplexArray) -> None:
-    """Write z at the corners of a box, p2 changing faster, for every p3: `images` is (4, n3)."""
-    for corner in range(4):
-        p1, p2 = box[corner // 2], box[2 + corner % 2]
-        inverse = (p2 - p1).conjugate() / _square(p2 - p1)
-        for k in range(len(third)):
-            images[corner, k] = (third[k] - p1) * inverse
-
-
-@compiled
-def longest_arms(box: ComplexArray, third: ComplexArray) -> tuple[float, float]:
-    """Longest p3 - p2 and longest p3 - p1 of a box."""
-    arm_1, arm_2 = 0.0, 0.0
-    for p3 in third:
-        arm_1 = max(arm_1, _square(p3 - box[2]), _square(p3 - box[3]))
-        arm_2 = max(arm_2, _square(p3 - box[0]), _square(p3 - box[1]))
-    return np.sqrt(arm_1), np.sqrt(arm_2)
-
-
-@compiled
-def box_bulges(box: ComplexArray, arm_1: float, arm_2: float) -> tuple[float, float]:
-    """How far z strays from its chord as p1 runs along its piece, and as p2 does.
-
-    `arm_1` and `arm_2` bound the lengths of p3 - p2 and p3 - p1. All p2 - p1 of a box lie in a
-    parallelogram; its corners' components along its middle bound the distance from below.
-    """
-    middle = box[2] + box[3] - box[0] - box[1]
-    axis = middle.conjugate()
-    nearest = min(
-        min(((box[2] - box[0]) * axis).real, ((box[3] - box[0]) * axis).real),
-        min(((box[2] - box[1]) * axis).real, ((box[3] - box[1]) * axis).real),
-    )
-    piece_1, piece_2 = _square(box[1] - box[0]), _square(box[3] - box[2])
-    if nearest <= 0.0:
-        return (np.inf if piece_1 > 0.0 else 0.0), (np.inf if piece_2 > 0.0 else 0.0)
-    nearest /= np.sqrt(_square(middle))
-    scale = 0.25 / nearest**3
-    return scale * piece_1 * arm_1, scale * piece_2 * arm_2
+    open_ends: ComplexArray
+    open_bulges: FloatArray
 
 
 class Touch(NamedTuple):
@@ -150,122 +69,247 @@ class Touch(NamedTuple):
 
 
 @compiled
-def support(
-    direction: complex, boxes: Boxes, third: ComplexArray, begin: complex, end: complex
-) -> Touch:
+def boundary_pieces(cell: ComplexArray, other: ComplexArray) -> IntArray:
+    """(K, 2) corners at the ends of the pieces of a base cell's boundary that matter.
+
+    They are the edges of `cell` that some point of `other` sees from outside, then lone corners.
+    1 / (p2 - p1) maps an edge to an arc of a circle through 0. The image of the cell lies inside
+    that circle only where the edge is seen from outside; all other edges bend inwards, and only
+    their ends can be extreme.
+    """
+    n = len(cell)
+    pieces = np.empty((n, 2), dtype=np.int64)
+    seen = np.zeros(n, dtype=np.bool_)
+    for i in range(n):
+        along = (cell[(i + 1) % n] - cell[i]).conjugate()
+        for point in other:
+            seen[i] |= (along * (point - cell[i])).imag < 0.0
+    count = 0
+    for i in range(n):
+        if seen[i]:
+            pieces[count, 0], pieces[count, 1] = i, (i + 1) % n
+            count += 1
+    for i in range(n):
+        if not seen[i] and not seen[i - 1]:
+            pieces[count] = i
+            count += 1
+    return pieces[:count]
+
+
+@compiled
+def all_boxes(first: ComplexArray, second: ComplexArray, third: ComplexArray) -> Boxes:
+    """Boxes that cover the boundaries of both base cells."""
+    images = np.empty((len(first), len(second), len(third)), dtype=np.complex128)
+    for i in range(len(first)):
+        for j in range(len(second)):
+            inverse = _inverse(second[j] - first[i])
+            for k in range(len(third)):
+                images[i, j, k] = (third[k] - first[i]) * inverse
+    pieces_1, pieces_2 = boundary_pieces(first, second), boundary_pieces(second, first)
+    n = len(pieces_1) * len(pieces_2)
+    pieces, bulges = np.empty((n, 4), dtype=np.int64), np.empty((n, 4))
+    for i in range(len(pieces_1)):
+        for j in range(len(pieces_2)):
+            a, b = pieces_1[i]
+            c, d = pieces_2[j]
+            arm_1, arm_2 = 0.0, 0.0
+            for p3 in third:
+                arm_1 = max(arm_1, _square(p3 - second[c]), _square(p3 - second[d]))
+                arm_2 = max(arm_2, _square(p3 - first[a]), _square(p3 - first[b]))
+            arm_1, arm_2 = np.sqrt(arm_1), np.sqrt(arm_2)
+            bulge_1, bulge_2 = _bulges(first[a], first[b], second[c], second[d], arm_1, arm_2)
+            box = i * len(pieces_2) + j
+            pieces[box] = (a, b, c, d)
+            bulges[box] = (arm_1, arm_2, bulge_1, bulge_2)
+    open_ends = np.empty((2, MAX_BOXES, 4), dtype=np.complex128)
+    open_bulges = np.empty((2, MAX_BOXES, 5))
+    return Boxes(first, second, third, images, pieces, bulges, open_ends, open_bulges)
+
+
+@compiled
+def support(direction: complex, boxes: Boxes, begin: complex, end: complex) -> Touch:
     """Farthest points of a region along a unit direction, and the line that supports it there.
 
     `begin` and `end` are points of the region to start from. All open boxes are divided at once
     and ties are kept, so the outcome does not hang on the order of corners.
     """
     turned = direction.conjugate()
-    ends, images, bulges = boxes
-    best = least = (turned * begin).real
-    for z in images.flat:
-        reach = turned.real * z.real - turned.imag * z.imag
-        best, least = max(best, reach), min(least, reach)
-    tolerance = SUPPORT_TOLERANCE * (best - least)
-    level = _LEVEL * (best - least)
-    touch = Touch(begin, begin, (turned * begin).real, True)
-    touch = _farther(touch, end, turned, level)
-    for z in images.flat:
-        touch = _farther(touch, z, turned, level)
-    here, there = np.empty((MAX_BOXES, 4), dtype=np.complex128), ends[:0]
-    here_bulges, there_bulges = np.empty((MAX_BOXES, 4)), bulges[:0]
-    here_bound, there_bound = np.empty(MAX_BOXES), np.empty(0)
-    count = 0
-    for i in range(len(ends)):
-        bound = _bound(turned, images[i], bulges[i, 2], bulges[i, 3])
-        if bound > touch.height + tolerance:
-            if count == MAX_BOXES:
-                return Touch(begin, end, np.inf, False)
-            here[count], here_bulges[count], here_bound[count] = ends[i], bulges[i], bound
-            count += 1
-    if count == 0:
-        return Touch(touch.begin, touch.end, touch.height + tolerance, True)
-    there, there_bulges, there_bound = (
-        np.empty_like(here),
-        np.empty_like(here_bulges),
-        np.empty_like(here_bound),
-    )
-    corner_images = np.empty((4, len(third)), dtype=np.complex128)
+    best = max(_reach(turned, begin), _reach(turned, end))
+    least = best
+    n1, n2, n3 = boxes.images.shape
+    farthest = np.empty((n1, n2))
+    for i in range(n1):
+        for j in range(n2):
+            here = -np.inf
+            for k in range(n3):
+                reach = _reach(turned, boxes.images[i, j, k])
+                here, least = max(here, reach), min(least, reach)
+            farthest[i, j] = here
+            best = max(best, here)
+    tolerance, tie = SUPPORT_TOLERANCE * (best - least), _TIE * (best - least)
+    touch = _farther(Touch(begin, begin, _reach(turned, begin), True), end, turned, tie)
+    for i in range(n1):
+        for j in range(n2):
+            if farthest[i, j] >= best - tie:
+                for k in range(n3):
+                    touch = _farther(touch, boxes.images[i, j, k], turned, tie)
+    count = _open_boxes(turned, boxes, farthest, touch.height + tolerance)
+    now = 0
     for _ in range(_MAX_ROUNDS):
-        needed = touch.height + tolerance
-        kept = 0
-        for i in range(count):
-            if here_bound[i] <= needed:
-                continue
-            piece, cut = _division(here[i], here_bulges[i])
-            for half in range(2):
-                if kept == MAX_BOXES:
-                    return Touch(begin, end, np.inf, False)
-                box, bulge = there[kept], there_bulges[kept]
-                box[:], bulge[:] = here[i], here_bulges[i]
-                box[piece + half] = cut
-                box_images(box, third, corner_images)
-                for z in corner_images.flat:
-                    touch = _farther(touch, z, turned, level)
-                bulge[2], bulge[3] = box_bulges(box, bulge[0], bulge[1])
-                there_bound[kept] = _bound(turned, corner_images, bulge[2], bulge[3])
-                if there_bound[kept] > needed:
-                    kept += 1
-        if kept == 0:
+        if count == 0:
             return Touch(touch.begin, touch.end, touch.height + tolerance, True)
-        here, there = there, here
-        here_bulges, there_bulges = there_bulges, here_bulges
-        here_bound, there_bound = there_bound, here_bound
-        count = kept
+        touch, count = _divide(turned, boxes, now, count, touch, tolerance, tie)
+        now = 1 - now
+        if count < 0:
+            break
     return Touch(begin, end, np.inf, False)
 
 
 @compiled
-def _farther(touch: Touch, z: complex, turned: complex, level: float) -> Touch:
-    """The touch after one more point, which ties with those within `level` of it."""
-    reach = turned.real * z.real - turned.imag * z.imag
-    if reach < touch.height - level:
-        return touch
-    if reach > touch.height + level:
-        return Touch(z, z, reach, True)
-    along = turned.real * z.imag + turned.imag * z.real
-    begin = z if along < (turned * touch.begin).imag else touch.begin
-    end = z if along > (turned * touch.end).imag else touch.end
-    return Touch(begin, end, max(reach, touch.height), True)
+def _open_boxes(turned: complex, boxes: Boxes, farthest: FloatArray, needed: float) -> int:
+    """List the boxes that may reach beyond `needed` for the first round; return how many."""
+    count = 0
+    for i in range(len(boxes.pieces)):
+        a, b, c, d = boxes.pieces[i]
+        bulge_1, bulge_2 = boxes.bulges[i, 2], boxes.bulges[i, 3]
+        top = max(farthest[a, c], farthest[a, d], farthest[b, c], farthest[b, d])
+        if top + bulge_1 + bulge_2 <= needed:
+            continue
+        p1_a, p1_b, p2_a, p2_b = (
+            boxes.first[a],
+            boxes.first[b],
+            boxes.second[c],
+            boxes.second[d],
+        )
+        bound, _ = _bound(turned, p1_a, p1_b, p2_a, p2_b, boxes.third, bulge_1, bulge_2)
+        if bound > needed:
+            if count == MAX_BOXES:
+                return -1
+            _store(boxes, 0, count, p1_a, p1_b, p2_a, p2_b)
+            boxes.open_bulges[0, count, :4] = boxes.bulges[i]
+            boxes.open_bulges[0, count, 4] = bound
+            count += 1
+    return count
 
 
 @compiled
-def _division(box: ComplexArray, bulges: FloatArray) -> tuple[int, complex]:
-    """Which piece of a box to cut, the one that bulges more, and where.
+def _divide(
+    turned: complex,
+    boxes: Boxes,
+    now: int,
+    count: int,
+    touch: Touch,
+    tolerance: float,
+    tie: float,
+) -> tuple[Touch, int]:
+    """Divide all open boxes of a round; return the touch so far and how many remain, -1 if many."""
+    needed = touch.height + tolerance
+    third = boxes.third
+    later = 1 - now
+    kept = 0
+    for i in range(count):
+        arm_1, arm_2, bulge_1, bulge_2, bound = boxes.open_bulges[now, i]
+        if bound <= needed:
+            continue
+        p1_a, p1_b, p2_a, p2_b = boxes.open_ends[now, i]
+        across_1 = bulge_1 > bulge_2
+        if bulge_1 == bulge_2:
+            across_1 = _square(p1_b - p1_a) >= _square(p2_b - p2_a)
+        cut = _cut(p1_a, p1_b, p2_a, p2_b) if across_1 else _cut(p2_a, p2_b, p1_a, p1_b)
+        for half in range(2):
+            a, b, c, d = p1_a, p1_b, p2_a, p2_b
+            if across_1:
+                a, b = (cut, b) if half else (a, cut)
+            else:
+                c, d = (cut, d) if half else (c, cut)
+            half_1, half_2 = _bulges(a, b, c, d, arm_1, arm_2)
+            bound, reach = _bound(turned, a, b, c, d, third, half_1, half_2)
+            if reach >= touch.height - tie:
+                touch = _touch_at(touch, a, c, third, turned, tie)
+                touch = _touch_at(touch, a, d, third, turned, tie)
+                touch = _touch_at(touch, b, c, third, turned, tie)
+                touch = _touch_at(touch, b, d, third, turned, tie)
+            if bound > needed:
+                if kept == MAX_BOXES:
+                    return touch, -1
+                _store(boxes, later, kept, a, b, c, d)
+                boxes.open_bulges[later, kept] = (arm_1, arm_2, half_1, half_2, bound)
+                kept += 1
+    return touch, kept
 
-    The piece is cut where its ends' distances from the other one divide it, as a bisector of the
-    angle would: far parts of it matter less than near ones.
+
+@compiled
+def _store(
+    boxes: Boxes, now: int, place: int, p1_a: complex, p1_b: complex, p2_a: complex, p2_b: complex
+) -> None:
+    boxes.open_ends[now, place, 0] = p1_a
+    boxes.open_ends[now, place, 1] = p1_b
+    boxes.open_ends[now, place, 2] = p2_a
+    boxes.open_ends[now, place, 3] = p2_b
+
+
+@compiled
+def _cut(start: complex, end: complex, other_start: complex, other_end: complex) -> complex:
+    """Where to cut a piece: as its ends' distances from the other one divide it.
+
+    A bisector of the angle would do so: far parts of a piece matter less than near ones.
     """
-    bulge_1, bulge_2 = bulges[2], bulges[3]
-    if bulge_1 == bulge_2:
-        bulge_1, bulge_2 = _square(box[1] - box[0]), _square(box[3] - box[2])
-    piece = 0 if bulge_1 >= bulge_2 else 2
-    other = 0.5 * (box[2 - piece] + box[3 - piece])
-    near, far = np.sqrt(_square(box[piece] - other)), np.sqrt(_square(box[piece + 1] - other))
+    other = 0.5 * (other_start + other_end)
+    near, far = np.sqrt(_square(start - other)), np.sqrt(_square(end - other))
     share = min(max(near / (near + far), 0.1), 0.9)
-    return piece, box[piece] + share * (box[piece + 1] - box[piece])
+    return start + share * (end - start)
 
 
 @compiled
-def _square(z: complex) -> float:
-    return z.real**2 + z.imag**2
+def _bulges(
+    p1_a: complex, p1_b: complex, p2_a: complex, p2_b: complex, arm_1: float, arm_2: float
+) -> tuple[float, float]:
+    """How far z strays from its chord as p1 runs along its piece, and as p2 does.
+
+    `arm_1` and `arm_2` bound the lengths of p3 - p2 and p3 - p1. All p2 - p1 of a box lie in a
+    parallelogram; its corners' components along its middle bound the distance from below.
+    """
+    axis = (p2_a + p2_b - p1_a - p1_b).conjugate()
+    nearest = min(
+        min(((p2_a - p1_a) * axis).real, ((p2_b - p1_a) * axis).real),
+        min(((p2_a - p1_b) * axis).real, ((p2_b - p1_b) * axis).real),
+    )
+    piece_1, piece_2 = _square(p1_b - p1_a), _square(p2_b - p2_a)
+    if nearest <= 0.0:
+        return (np.inf if piece_1 > 0.0 else 0.0), (np.inf if piece_2 > 0.0 else 0.0)
+    nearest /= np.sqrt(_square(axis))
+    scale = 0.25 / nearest**3
+    return scale * piece_1 * arm_1, scale * piece_2 * arm_2
 
 
 @compiled
-def _bound(turned: complex, images: ComplexArray, bulge_1: float, bulge_2: float) -> float:
-    """What no point of a box exceeds: over its corners, first along one piece, then the other."""
-    if bulge_1 == np.inf or bulge_2 == np.inf:
-        return np.inf
+def _bound(
+    turned: complex,
+    p1_a: complex,
+    p1_b: complex,
+    p2_a: complex,
+    p2_b: complex,
+    third: ComplexArray,
+    bulge_1: float,
+    bulge_2: float,
+) -> tuple[float, float]:
+    """What no point of a box exceeds, and how far its corners reach.
+
+    Along one piece at either end of the other, then along the other; whichever order bounds more.
+    """
+    turned_aa, turned_ab = turned * _inverse(p2_a - p1_a), turned * _inverse(p2_b - p1_a)
+    turned_ba, turned_bb = turned * _inverse(p2_a - p1_b), turned * _inverse(p2_b - p1_b)
     at_p1_a, at_p1_b, at_p2_a, at_p2_b = -np.inf, -np.inf, -np.inf, -np.inf
-    for k in range(images.shape[1]):
-        aa, ab = (turned * images[0, k]).real, (turned * images[1, k]).real
-        ba, bb = (turned * images[2, k]).real, (turned * images[3, k]).real
+    reach = -np.inf
+    for p3 in third:
+        aa, ab = _reach(turned_aa, p3 - p1_a), _reach(turned_ab, p3 - p1_a)
+        ba, bb = _reach(turned_ba, p3 - p1_b), _reach(turned_bb, p3 - p1_b)
+        reach = max(reach, aa, ab, ba, bb)
         at_p1_a, at_p1_b = max(at_p1_a, _top(aa, ab, bulge_2)), max(at_p1_b, _top(ba, bb, bulge_2))
         at_p2_a, at_p2_b = max(at_p2_a, _top(aa, ba, bulge_1)), max(at_p2_b, _top(ab, bb, bulge_1))
-    return min(_top(at_p1_a, at_p1_b, bulge_1), _top(at_p2_a, at_p2_b, bulge_2))
+    if bulge_1 == np.inf or bulge_2 == np.inf:
+        return np.inf, reach
+    return min(_top(at_p1_a, at_p1_b, bulge_1), _top(at_p2_a, at_p2_b, bulge_2)), reach
 
 
 @compiled
@@ -275,3 +319,42 @@ def _top(start: float, end: float, bulge: float) -> float:
     if apart >= 4.0 * bulge:  # so steep that an end is highest
         return max(start, end)
     return 0.5 * (start + end) + bulge + apart**2 / (16.0 * bulge)
+
+
+@compiled
+def _touch_at(
+    touch: Touch, p1: complex, p2: complex, third: ComplexArray, turned: complex, tie: float
+) -> Touch:
+    inverse = _inverse(p2 - p1)
+    for p3 in third:
+        touch = _farther(touch, (p3 - p1) * inverse, turned, tie)
+    return touch
+
+
+@compiled
+def _farther(touch: Touch, z: complex, turned: complex, tie: float) -> Touch:
+    """The touch after one more point, which ties with those that reach as far within `tie`."""
+    reach = _reach(turned, z)
+    if reach < touch.height - tie:
+        return touch
+    if reach > touch.height + tie:
+        return Touch(z, z, reach, True)
+    along = (turned * z).imag
+    begin = z if along < (turned * touch.begin).imag else touch.begin
+    end = z if along > (turned * touch.end).imag else touch.end
+    return Touch(begin, end, max(reach, touch.height), True)
+
+
+@compiled
+def _reach(turned: complex, z: complex) -> float:
+    return turned.real * z.real - turned.imag * z.imag
+
+
+@compiled
+def _inverse(z: complex) -> complex:
+    return z.conjugate() / _square(z)
+
+
+@compiled
+def _square(z: complex) -> float:
+    return z.real**2 + z.imag**2
