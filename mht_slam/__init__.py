@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from mht_slam.consistency.tightest import TightestAssociation as TightestAssociation
     from mht_slam.consistency.tightest import smallest_epsilon as smallest_epsilon
     from mht_slam.consistency.tightest import tightest_association as tightest_association
+    from mht_slam.evidence.quadrature import evidence_by_quadrature as evidence_by_quadrature
+    from mht_slam.evidence.quadrature import rank_by_evidence as rank_by_evidence
     from mht_slam.graph.refine import refine as refine
     from mht_slam.hypotheses import Hypothesis as Hypothesis
     from mht_slam.hypotheses import Posterior as Posterior
@@ -51,8 +53,10 @@ _HOME = {
     "StraightRun": "measurements",
     "TightestAssociation": "consistency.tightest",
     "compare": "comparison",
+    "evidence_by_quadrature": "evidence.quadrature",
     "consistent_associations": "consistency.consistent_set",
     "rank": "polygon.ranking",
+    "rank_by_evidence": "evidence.quadrature",
     "refine": "graph.refine",
     "smallest_epsilon": "consistency.tightest",
     "solve": "pipeline",
