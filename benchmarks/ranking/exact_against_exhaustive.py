@@ -39,7 +39,7 @@ SIZES = (3, 4, 5, 6, 7, 8, 10, 12, 16, 20, 24)
 EPSILONS_DEG = (1.0, 3.0, 5.0)
 LARGE = 12
 """Scenes of more landmarks may take a minute, so there are fewer of them."""
-QUICK_SIZES = tuple(n for n in SIZES if n <= LARGE)
+QUICK_SCENES = 2
 
 _TEXT = ("kind", "code")
 _REDRAW_SECONDS = 1.0
@@ -185,7 +185,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--output", type=Path, default=Path("runs/ranking"))
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--quick", action="store_true", help="2 scenes of each, n to 12")
+    parser.add_argument("--quick", action="store_true", help="few scenes, n to 12")
     parser.add_argument("--scenes", type=int, default=10, help=f"of each kind, n to {LARGE}")
     parser.add_argument("--large-scenes", type=int, default=3, help="of each kind, larger n")
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="landmarks")
@@ -194,7 +194,8 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--work-limit", type=int, default=2_000_000, help="steps of one ranking")
     options = parser.parse_args(arguments)
     if options.quick:
-        options.scenes, options.sizes = 2, QUICK_SIZES
+        options.scenes = min(options.scenes, QUICK_SCENES)
+        options.sizes = [n for n in options.sizes if n <= LARGE]
     return options
 
 

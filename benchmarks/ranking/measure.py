@@ -174,7 +174,7 @@ def simulate(job: Job) -> Scene:
 def warm_up() -> float:
     """Compile, or load, everything that a job calls; return the seconds this took."""
     start = time.perf_counter()
-    measure(Job("annulus", 4, 1.0, 0, 1000), code="")
+    measure(Job("annulus", 3, 1.0, 0, 1000), code="")
     measure(Job("one_sided", 5, 3.0, 0, 1000), code="")
     return time.perf_counter() - start
 
