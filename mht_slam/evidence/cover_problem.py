@@ -35,8 +35,8 @@ LISTED = 40.0
 FIRST_LOOKS = 6
 """Ratios at which a first association is looked for, to know what is negligible."""
 LOOK_NODES = 400
-LOOK_LIMIT = 5_000
-"""Branches opened at each of them."""
+LOOK_LIMITS = (100, 5_000)
+"""Branches opened at each of them, and where that finds nothing."""
 LOOK_DROP = 30.0
 LOOK_TEMPERATURES = (1.0, 30.0, 1000.0, 30_000.0)
 """Divisors of log weights that bring contradictory scans into the range of floating point.
@@ -45,11 +45,14 @@ At a single ratio they leave the order of associations as it is.
 """
 BALANCINGS = 3
 """How often the weights are divided by the best option of every detection."""
+LOOK_COOLING = np.repeat(np.geomspace(1000.0, 0.5, 24), 2)
+"""Temperatures, nats, of the soft maxima by which they are then divided at a single ratio."""
+GRID_COOLING = np.array([20.0, 7.0, 2.0, 2.0])
+"""The same for all ratios."""
 CONTRADICTORY = 200.0
 """Nats by which the detections' best options may together exceed the best association."""
 SHARPNESS = 8.0
-"""How many times smaller than that excess the temperature of the soft maxima is, nats."""
-COOLEST = 10.0
+"""How many times smaller than that excess the temperature is where it is larger."""
 MOST_BALANCINGS = 200
 IRRELEVANT = 100.0
 """Nats below the best association at which a ratio is left out once its bound says so."""
@@ -121,7 +124,9 @@ class CoverProblem:
                 return self._nothing_found()
             grid = panel_grid(self.table, self.log_weights, *self._rows(), self.model, best)
         alone = tuple(np.repeat(w[:, None], len(grid), axis=1) for w in self.false_alarms)
-        weights, log_unit = self._balanced(self._values(grid), alone, grid.log_weights, best)
+        weights, log_unit = self._balanced(
+            self._values(grid), alone, grid.log_weights, GRID_COOLING, best
+        )
         found = heaviest_covers(
             weights,
             top_k=top_k,
@@ -179,15 +184,19 @@ class CoverProblem:
         """Search for the heaviest cover at a single ratio, of clusters weighing (C,) logs."""
         alone = tuple(weights[:, None] / temperature for weights in self.false_alarms)
         weights, _ = self._balanced(
-            values[:, None] / temperature, alone, np.zeros(1), best=math.inf
+            values[:, None] / temperature, alone, np.zeros(1), LOOK_COOLING / temperature
         )
-        return heaviest_covers(
-            weights,
-            top_k=1,
-            max_missed=self.max_missed,
-            max_false=self.max_false,
-            work_limit=LOOK_LIMIT,
-        )
+        for limit in LOOK_LIMITS:
+            found = heaviest_covers(
+                weights,
+                top_k=1,
+                max_missed=self.max_missed,
+                max_false=self.max_false,
+                work_limit=limit,
+            )
+            if found.covers or found.complete:
+                break
+        return found
 
     def _nothing_found(self) -> Found:
         """Say whether labels and limits leave nothing, or nothing was found."""
@@ -231,32 +240,31 @@ class CoverProblem:
         return np.asarray(logs, dtype=np.float64)
 
     def _balanced(
-        self, logs: FloatArray, alone: tuple[FloatArray, ...], log_base: FloatArray, best: float
+        self,
+        logs: FloatArray,
+        alone: tuple[FloatArray, ...],
+        log_base: FloatArray,
+        cooling: FloatArray,
+        best: float = math.inf,
     ) -> tuple[CoverWeights, float]:
         """Linear weights of (C, Q) clusters and (n, Q) false alarms, and the log of their unit.
 
         Every option of a detection is divided by the best one of that detection, at each ratio,
-        and the product of all those goes into the ratio's own weight: without that, weights of
-        contradictory scans would leave the range of floating point. Where detections want the same
-        partner and that still exceeds `best` by far, soft maxima divide the want between them.
+        and the product of all those goes into the ratio's own weight, so that it bounds what an
+        association weighs there. Where detections want the same partner, soft maxima divide the
+        want between them, which tightens the bound. Without all that, weights of contradictory
+        scans would leave the range of floating point.
         """
-        base, left = log_base.copy(), [array.copy() for array in alone]
-        logs = logs.copy()
-        for balancing in range(MOST_BALANCINGS):
-            excess = float(base.max()) - best
-            temperature = max(excess / SHARPNESS, COOLEST) if balancing >= BALANCINGS else 0.0
-            if temperature > 0.0:
-                if excess <= CONTRADICTORY:
-                    break
-                kept = base > best - IRRELEVANT
-                base, logs, left = base[kept], logs[:, kept], [array[:, kept] for array in left]
-            for scan in (1, 0, 2):
-                column = self.table.entries[:, scan]
-                seen = np.flatnonzero(column != MISSED)
-                top = _soft_maxima(logs[seen], column[seen], left[scan], temperature)
-                left[scan] = left[scan] - top
-                logs[seen] -= top[column[seen]]
-                base = base + top.sum(axis=0)
+        balance = _Balance(self.table.entries, logs, alone, log_base)
+        for temperature in (*[0.0] * BALANCINGS, *cooling):
+            balance.divide(float(temperature))
+        for _ in range(MOST_BALANCINGS):
+            excess = float(balance.base.max()) - best
+            if excess <= CONTRADICTORY:
+                break
+            balance.keep(balance.base > best - IRRELEVANT)
+            balance.divide(excess / SHARPNESS)
+        base, left, logs = balance.base, balance.alone, balance.logs
         n1, n2, n3 = self.counts
         first, middle, last = self.table.entries.T
         log_unit = float(base.max())
@@ -279,18 +287,47 @@ class CoverProblem:
         return weights, log_unit
 
 
-def _soft_maxima(
-    logs: FloatArray, owner: IntArray, alone: FloatArray, temperature: float
-) -> FloatArray:
-    """Soft maximum over each detection's options, (n, Q); 0 where it has none."""
-    top = alone.copy()
-    np.maximum.at(top, owner, logs)
-    top = np.where(np.isfinite(top), top, 0.0)
-    if temperature > 0.0:
-        total = np.exp((alone - top) / temperature)
-        np.add.at(total, owner, np.exp((logs - top[owner]) / temperature))
-        top = top + temperature * np.log(np.maximum(total, 1.0))
-    return top
+class _Balance:
+    """Log weights of options while they are divided by soft maxima over each detection's own."""
+
+    def __init__(
+        self,
+        entries: IntArray,
+        logs: FloatArray,
+        alone: tuple[FloatArray, ...],
+        base: FloatArray,
+    ) -> None:
+        self.logs = logs.copy()
+        self.alone = [array.copy() for array in alone]
+        self.base = base.copy()
+        self.groups = []
+        for column in entries.T:
+            members = np.argsort(column, kind="stable")[(column == MISSED).sum() :]
+            owners, starts = np.unique(column[members], return_index=True)
+            self.groups.append((members, column[members], owners, starts))
+
+    def keep(self, ratios: BoolArray) -> None:
+        """Leave the other ratios out."""
+        self.base, self.logs = self.base[ratios], self.logs[:, ratios]
+        self.alone = [array[:, ratios] for array in self.alone]
+
+    def divide(self, temperature: float) -> None:
+        """Divide the options of all detections, one scan after the other."""
+        for scan in (1, 0, 2):
+            members, owner, owners, starts = self.groups[scan]
+            options, alone = self.logs[members], self.alone[scan]
+            top = alone.copy()
+            if len(owners):
+                top[owners] = np.maximum(top[owners], np.maximum.reduceat(options, starts))
+            top = np.where(np.isfinite(top), top, 0.0)
+            if temperature > 0.0 and len(owners):
+                total = np.exp((alone - top) / temperature)
+                shares = np.exp((options - top[owner]) / temperature)
+                total[owners] += np.add.reduceat(shares, starts)
+                top = top + temperature * np.log(np.maximum(total, 1.0))
+            self.alone[scan] = alone - top
+            self.logs[members] = options - top[owner]
+            self.base = self.base + top.sum(axis=0)
 
 
 def _allowed_clusters(scans: tuple[BearingScan, ...], max_missed: int) -> IntArray:

@@ -10,22 +10,24 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from mht_slam.arrays import BoolArray, FloatArray
+from mht_slam.arrays import FloatArray
 from mht_slam.progress import Progress
 
 DUST = 1e-20
 """Share of the heaviest cover found below which a branch is only added to what lies outside."""
-REST = 1e-3
-"""Share of the weight that may lie in unopened branches once the list is proven."""
+REST = 0.01
+"""Share of the weight that may lie in unopened branches at the end."""
+PATIENCE = 500
+"""Branches opened for that, after the list is proven."""
+OPENED_TOGETHER = 16
+"""Of these branches, how many are opened before the rest is added up again."""
 TIE = 1e-9
 """Relative difference of weights that counts as none."""
-ROUNDING = 1e-13
-"""Share of a row's sum that rounding may take from a bound."""
 REPORT_EVERY = 64
 
 Cover = tuple[tuple[int, int, int], ...]
@@ -78,10 +80,14 @@ class CoverList:
 
 @dataclass(order=True)
 class _Branch:
-    """A partial cover; `bound` is minus the most that all its completions weigh together."""
+    """A partial cover, the heaviest one first.
 
-    bound: float
+    `most` is minus a bound on the heaviest of its completions, `together` one on the weight of all.
+    """
+
+    most: float
     order: int
+    together: float = field(compare=False)
     parts: Cover = field(compare=False)
 
 
@@ -96,255 +102,277 @@ def heaviest_covers(
 ) -> CoverList:
     """Find the covers of largest weight, with at most so many misses and false alarms.
 
-    Branches are opened in the order of a bound on the weight of all their completions together:
-    at every ratio the product, over the rows left, of the sums over the clusters whose detections
-    are free. The list is proven once no bound exceeds the weight of its last cover; the search
-    goes on until the unopened branches hold no more than `REST` of the weight, and ends after
-    `work_limit` of them. Ties with the last one are listed too, beyond `top_k`.
+    A branch is bounded, at every ratio, by the product over the rows left of the best cluster
+    whose detections are free; with the sum of those clusters in place of the best one, the same
+    product bounds the weight of all completions together. The branch with the largest bound is
+    opened next, and followed down to a whole cover. The list is proven once no bound exceeds the
+    weight of its last cover. Then at most `PATIENCE` more branches are opened, until those left
+    hold no more than `REST` of the weight. Ties with the last cover are listed too, beyond
+    `top_k`.
     """
-    tree = _Tree(weights, max_missed, max_false)
-    counter = itertools.count()
-    heap = [_Branch(-np.inf, next(counter), ())]
-    found: list[tuple[float, Cover]] = []
-    best: list[float] = []
-    dust, n_nodes, total = 0.0, 0, 0.0
-    while heap and n_nodes < work_limit:
-        enough = best[0] if len(best) == top_k else 0.0
-        if -heap[0].bound < enough * (1.0 - TIE):
-            waiting = -sum(branch.bound for branch in heap)
-            if waiting <= REST * total or len(heap) == 0:
-                break
-        branch = heapq.heappop(heap)
-        n_nodes += 1
-        if progress is not None and n_nodes % REPORT_EVERY == 0:
-            progress(n_nodes, work_limit)
-        for bound, parts, is_whole in tree.children(branch.parts):
-            if is_whole:
-                found.append((bound, parts))
-                total += bound
-                heapq.heappush(best, bound) if len(best) < top_k else heapq.heappushpop(best, bound)
-            elif bound > DUST * total:
-                heapq.heappush(heap, _Branch(-bound, next(counter), parts))
-            else:
-                dust += bound
-    found.sort(key=lambda entry: -entry[0])
-    last = found[min(top_k, len(found)) - 1][0] if found else 0.0
-    listed = [entry for entry in found if entry[0] >= last * (1.0 - TIE)]
-    waiting = -sum(branch.bound for branch in heap) + dust
-    proven = max((-branch.bound for branch in heap), default=0.0) < last * (1.0 - TIE)
+    search = _Search(_Tree(weights, max_missed, max_false), top_k)
+    while search.heap and search.n_nodes < work_limit and not search.is_proven:
+        search.open_heaviest(work_limit, progress)
+    is_proven = search.is_proven
+    last = search.last
+    if is_proven:
+        search.order_by_weight()
+        stop = min(work_limit, search.n_nodes + PATIENCE)
+        while search.heap and search.n_nodes < stop and search.waiting > REST * search.total:
+            for _ in range(min(len(search.heap), OPENED_TOGETHER)):
+                search.open_heaviest(stop, progress)
+    search.found.sort(key=lambda entry: -entry[0])
+    listed = [entry for entry in search.found if entry[0] >= last * (1.0 - TIE)]
     return CoverList(
         covers=listed,
-        outside=waiting + sum(weight for weight, _ in found[len(listed) :]),
-        complete=not heap or (proven and len(found) >= top_k),
-        n_nodes=n_nodes,
+        outside=search.waiting + sum(weight for weight, _ in search.found[len(listed) :]),
+        complete=is_proven,
+        n_nodes=search.n_nodes,
     )
 
 
+class _Search:
+    """Branches still to be opened, and the whole covers found so far."""
+
+    def __init__(self, tree: _Tree, top_k: int) -> None:
+        self.tree = tree
+        self.top_k = top_k
+        self.heap = [_Branch(-np.inf, 0, np.inf, ())]
+        self.found: list[tuple[float, Cover]] = []
+        self.best: list[float] = []
+        self.total = 0.0
+        self.dust = 0.0
+        self.n_nodes = 0
+        self._counter = itertools.count(1)
+        self._by_weight = False
+
+    @property
+    def last(self) -> float:
+        """Weight of the last cover listed; zero where there are fewer than asked for."""
+        return self.best[0] if len(self.best) == self.top_k else 0.0
+
+    @property
+    def is_proven(self) -> bool:
+        """Whether no branch can hold a cover that belongs into the list."""
+        return not self.heap or -self.heap[0].most < self.last * (1.0 - TIE)
+
+    @property
+    def waiting(self) -> float:
+        """Bound on the weight in unopened branches."""
+        return sum(branch.together for branch in self.heap) + self.dust
+
+    def order_by_weight(self) -> None:
+        """From now on open the branch whose completions together may weigh most."""
+        self._by_weight = True
+        for branch in self.heap:
+            branch.most = -branch.together
+        heapq.heapify(self.heap)
+
+    def open_heaviest(self, stop: int, progress: Progress | None) -> None:
+        """Open the first branch, and then the most promising child, down to a whole cover."""
+        parts: Cover | None = heapq.heappop(self.heap).parts
+        while parts is not None:
+            self.n_nodes += 1
+            if progress is not None and self.n_nodes % REPORT_EVERY == 0:
+                progress(self.n_nodes, stop)
+            opened: list[_Branch] = []
+            for most, together, child, is_whole in self.tree.children(parts):
+                if is_whole:
+                    self._keep(most, child)
+                elif together <= DUST * self.total:
+                    self.dust += together
+                else:
+                    rank = together if self._by_weight else most
+                    opened.append(_Branch(-rank, next(self._counter), together, child))
+            parts = None
+            if opened:
+                first = min(opened)
+                if -first.most >= self.last * (1.0 - TIE) and self.n_nodes < stop:
+                    opened.remove(first)
+                    parts = first.parts
+            for branch in opened:
+                heapq.heappush(self.heap, branch)
+
+    def _keep(self, weight: float, cover: Cover) -> None:
+        self.found.append((weight, cover))
+        self.total += weight
+        if len(self.best) < self.top_k:
+            heapq.heappush(self.best, weight)
+        else:
+            heapq.heappushpop(self.best, weight)
+
+
 _Counts = dict[tuple[int, int], FloatArray]
-"""Weight by numbers of misses and of false alarms, in arrays (first, last, ratio)."""
+"""Weight (Q,) by numbers of misses and of false alarms."""
+_Gather = Callable[[FloatArray, FloatArray], FloatArray]
+"""Addition, or the larger one: how alternatives are put together."""
 
 
 class _Tree:
-    """How partial covers grow, and what their completions can weigh."""
+    """How partial covers grow, and what their completions can weigh.
+
+    The middle scan's detections come first, those with the clearest choice before others.
+    """
 
     def __init__(self, weights: CoverWeights, max_missed: int, max_false: int) -> None:
         self.weights = weights
         self.max_missed = max_missed
         self.max_false = max_false
-        self.n_middle, self.n_first, self.n_last = (
-            len(weights.middle),
-            len(weights.first),
-            len(weights.last),
-        )
+        self.counts = (len(weights.first), len(weights.middle), len(weights.last))
+        options = np.einsum("mikq,q->mik", weights.middle, weights.base)
+        best, together = options.max(axis=(1, 2), initial=0.0), options.sum(axis=(1, 2))
+        clarity = best / np.maximum(together, 1e-300)
+        self.order = np.argsort(-clarity, kind="stable").tolist()
 
-    def children(self, parts: Cover) -> Iterator[tuple[float, Cover, bool]]:
-        """Every next part of a partial cover: bound, the longer cover, whether it is whole."""
-        middle = list(range(len(parts), self.n_middle))
-        first = _unused(self.n_first, [part[0] for part in parts])
-        last = _unused(self.n_last, [part[2] for part in parts])
+    def children(self, parts: Cover) -> Iterator[tuple[float, float, Cover, bool]]:
+        """Every next part of a partial cover.
+
+        Yields bounds on the heaviest completion and on all together, the longer cover, and whether
+        it is whole; both bounds are then its weight.
+        """
+        used = [{part[scan] for part in parts} for scan in range(3)]
+        first = [i for i in range(self.counts[0]) if i not in used[0]]
+        middle = [m for m in self.order if m not in used[1]]
+        last = [k for k in range(self.counts[2]) if k not in used[2]]
+        if not (first or middle or last):
+            weight = float(self._prefix(parts).sum())
+            if weight > 0.0:
+                yield weight, weight, parts, True
+            return
+        missed_left = self.max_missed - sum(part.count(-1) for part in parts)
+        false_left = self.max_false - sum(FALSE_ALARM in part for part in parts)
         prefix = self._prefix(parts)
-        alive = np.flatnonzero(prefix)
-        if len(alive) == 0:
-            return
-        ratios = slice(int(alive[0]), int(alive[-1]) + 1)
-        weights = self.weights
-        if middle:
-            m = middle.pop(0)
-            rest = self._rest(middle, first, last, ratios, takes_first=True, takes_last=True)
-            own = weights.middle[m][np.ix_([*first, self.n_first], [*last, self.n_last])]
-            alone = weights.false_alarm[1][m]
-            names = [[(i, m, k) for k in [*last, -1]] for i in [*first, -1]]
-            false_name = (FALSE_ALARM, m, FALSE_ALARM)
-        elif first:
-            i = first.pop(0)
-            rest = self._rest([], first, last, ratios, takes_first=False, takes_last=True)
-            own = weights.first[i][np.ix_([*last, self.n_last])][None]
-            alone = weights.false_alarm[0][i]
-            names = [[(i, -1, k) for k in [*last, -1]]]
-            false_name = (i, FALSE_ALARM, FALSE_ALARM)
-        elif last:
-            k = last.pop(0)
-            rest = self._rest([], [], last, ratios, takes_first=False, takes_last=False)
-            own = weights.last[k][None, None]
-            alone = weights.false_alarm[2][k]
-            names = [[(-1, -1, k)]]
-            false_name = (FALSE_ALARM, FALSE_ALARM, k)
-        else:
-            yield float(prefix.sum()), parts, True
-            return
-        missed = sum(part.count(-1) for part in parts)
-        n_false = sum(FALSE_ALARM in part for part in parts)
-        left = (self.max_missed - missed, self.max_false - n_false)
-        heads = prefix[ratios] * own[..., ratios]
-        costs = np.array([[name.count(-1) for name in row] for row in names])
-        bounds = np.zeros(costs.shape)
-        for cost in range(left[0] + 1):
-            some = costs == cost
-            if some.any():
-                tails = _within(rest, left[0] - cost, left[1])
-                bounds[some] = np.einsum("cq,cq->c", heads[some], _at(tails, some))
-        for a, b in zip(*np.nonzero(bounds), strict=True):
-            yield float(bounds[a, b]), (*parts, names[a][b]), self._is_whole(names[a][b], parts)
-        if left[1] > 0:
-            tails = _within(rest, left[0], left[1] - 1)
-            none = np.zeros(costs.shape, dtype=np.bool_)
-            none[-1, -1] = True
-            bound = float((prefix[ratios] * alone[ratios] * _at(tails, none)[0]).sum())
-            if bound > 0.0:
-                yield bound, (*parts, false_name), self._is_whole(false_name, parts)
-
-    def _is_whole(self, part: tuple[int, int, int], parts: Cover) -> bool:
-        covered = [sum(p[scan] >= 0 for p in (*parts, part)) for scan in range(3)]
-        return covered == [self.n_first, self.n_middle, self.n_last]
+        names, own = self._options(first, middle, last)
+        costs = np.array([name.count(-1) for name in names])
+        is_false = np.array([FALSE_ALARM in name for name in names])
+        heads = prefix * own
+        size = (len(first), len(middle), len(last))
+        rests = [
+            self._rest(first, middle, last, missed_left, false_left, gather)
+            for gather in (np.maximum, np.add)
+        ]
+        whole = [sum(entry >= 0 for entry in name) == sum(size) for name in names]
+        bounds = np.zeros((2, len(names)))
+        for cost, with_false in {*zip(costs.tolist(), is_false.tolist(), strict=True)}:
+            left = (missed_left - cost, false_left - with_false)
+            if min(left) < 0:
+                continue
+            some = (costs == cost) & (is_false == with_false)
+            for bound, rest, gather in zip(bounds, rests, (np.maximum, np.add), strict=True):
+                tail = _within(rest, left, gather)
+                bound[some] = (heads[some] * tail).sum(axis=1)
+            exact = some & np.array(whole)
+            bounds[:, exact] = heads[exact].sum(axis=1)
+        for at in np.flatnonzero(bounds[0] > 0.0):
+            yield float(bounds[0, at]), float(bounds[1, at]), (*parts, names[at]), whole[at]
 
     def _prefix(self, parts: Cover) -> FloatArray:
         """(Q,) weight of a partial cover."""
-        total = self.weights.base.copy()
-        for part in parts:
-            total *= self._weight(part)
+        weights = self.weights
+        total = weights.base.copy()
+        for i, m, k in parts:
+            if FALSE_ALARM in (i, m, k):
+                scan, entry = max(enumerate((i, m, k)), key=lambda pair: pair[1])
+                total *= weights.false_alarm[scan][entry]
+            elif m >= 0:
+                total *= weights.middle[m, i, k]
+            else:
+                total *= weights.first[i, k] if i >= 0 else weights.last[k]
         return total
 
-    def _weight(self, part: tuple[int, int, int]) -> FloatArray:
-        i, m, k = part
+    def _options(
+        self, first: list[int], middle: list[int], last: list[int]
+    ) -> tuple[Cover, FloatArray]:
+        """Parts that the next row may take, and their (c, Q) weights."""
         weights = self.weights
-        if FALSE_ALARM in part:
-            scan = next(scan for scan, entry in enumerate(part) if entry != FALSE_ALARM)
-            chosen = weights.false_alarm[scan][part[scan]]
-        elif m >= 0:
-            chosen = weights.middle[m, i, k]
+        if middle:
+            m = middle[0]
+            names = [(i, m, k) for i in [*first, -1] for k in [*last, -1]]
+            own = weights.middle[m][np.ix_([*first, -1], [*last, -1])]
+            own, alone = own.reshape(len(names), -1), weights.false_alarm[1][m]
+            false_name = (FALSE_ALARM, m, FALSE_ALARM)
+        elif first:
+            i = first[0]
+            names = [(i, -1, k) for k in [*last, -1]]
+            own, alone = weights.first[i][[*last, -1]], weights.false_alarm[0][i]
+            false_name = (i, FALSE_ALARM, FALSE_ALARM)
         else:
-            chosen = weights.first[i, k] if i >= 0 else weights.last[k]
-        return np.asarray(chosen, dtype=np.float64)
+            k = last[0]
+            names = [(-1, -1, k)]
+            own, alone = weights.last[k][None], weights.false_alarm[2][k]
+            false_name = (FALSE_ALARM, FALSE_ALARM, k)
+        return (*names, false_name), np.concatenate([own, alone[None]])
 
     def _rest(
         self,
-        middle: list[int],
         first: list[int],
+        middle: list[int],
         last: list[int],
-        ratios: slice,
-        *,
-        takes_first: bool,
-        takes_last: bool,
+        missed_left: int,
+        false_left: int,
+        gather: _Gather,
     ) -> _Counts:
-        """Bound on what the rows left weigh, for every choice of the part that goes before them.
+        """Bound on what the rows after the next one weigh, by what they cost.
 
-        That part takes one of `first`, or none (the last index of the first axis), where
-        `takes_first`; likewise of `last`, along the second axis.
+        The next row's own choice is not known yet, so all of `first` and `last` count as free. A
+        row of the outer scans may be left to the rows before it.
         """
         weights = self.weights
-        n_choices = (len(first) * takes_first + 1, len(last) * takes_last + 1)
-        total: _Counts = {(0, 0): np.ones((1, 1, 1))}
-        for m in middle:
-            own = weights.middle[m, ..., ratios]
-            core = own[np.ix_(first, last)]
-            one_miss = own[first, self.n_last], own[self.n_first, last]
-            by_count: _Counts = {
-                (0, 0): _without(core, takes_first=takes_first, takes_last=takes_last)
-            }
-            if self.max_missed >= 1:
-                by_count[1, 0] = _without(
-                    one_miss[0][:, None], takes_first=takes_first, takes_last=False
-                ) + _without(one_miss[1][None], takes_first=False, takes_last=takes_last)
-            if self.max_missed >= 2:
-                by_count[2, 0] = own[self.n_first, self.n_last][None, None]
-            if self.max_false >= 1:
-                by_count[0, 1] = weights.false_alarm[1][m, ratios][None, None]
-            total = self._product(total, by_count)
-        first_left = len(first) - takes_first * (np.arange(n_choices[0]) < len(first))
-        for position, i in enumerate(first):
-            own = weights.first[i, :, ratios]
-            by_count = {(0, 0): np.full((1, 1, 1), 1.0 if middle else 0.0)}
-            if self.max_missed >= 1:
-                by_count[1, 0] = _without(own[last][None], takes_first=False, takes_last=takes_last)
-            if self.max_missed >= 2:
-                by_count[2, 0] = own[self.n_last][None, None]
-            if self.max_false >= 1:
-                by_count[0, 1] = weights.false_alarm[0][i, ratios][None, None]
-            if takes_first:
-                by_count = _replaced(by_count, 0, position, n_choices[0])
-            total = self._product(total, by_count)
-        for position, k in enumerate(last):
-            may_wait = np.logical_or(bool(middle), first_left > 0).astype(np.float64)
-            by_count = {(0, 0): may_wait[:, None, None]}
-            if self.max_missed >= 2:
-                by_count[2, 0] = weights.last[k, ratios][None, None]
-            if self.max_false >= 1:
-                by_count[0, 1] = weights.false_alarm[2][k, ratios][None, None]
-            if takes_last:
-                by_count = _replaced(by_count, 1, position, n_choices[1])
-            total = self._product(total, by_count)
-        shape = (*n_choices, ratios.stop - ratios.start)
-        return {count: np.broadcast_to(value, shape) for count, value in total.items()}
+        limits = (missed_left, false_left)
+        total: _Counts = {(0, 0): np.ones(len(weights.base))}
+        reduce = np.max if gather is np.maximum else np.sum
 
-    def _product(self, a: _Counts, b: _Counts) -> _Counts:
-        product: _Counts = {}
-        for (missed_a, false_a), weight_a in a.items():
-            for (missed_b, false_b), weight_b in b.items():
-                count = (missed_a + missed_b, false_a + false_b)
-                if count[0] > self.max_missed or count[1] > self.max_false:
-                    continue
-                term = weight_a * weight_b
-                product[count] = product[count] + term if count in product else term
-        return product
+        def multiply(options: _Counts) -> None:
+            nonlocal total
+            total = _product(total, options, limits, gather)
+
+        for m in middle[1:]:
+            own = weights.middle[m]
+            options = {(0, 0): reduce(own[np.ix_(first, last)], axis=(0, 1), initial=0.0)}
+            if missed_left >= 1:
+                partly = np.concatenate([own[first, -1], own[-1, last]])
+                options[1, 0] = reduce(partly, axis=0, initial=0.0)
+            if missed_left >= 2:
+                options[2, 0] = own[-1, -1]
+            if false_left >= 1:
+                options[0, 1] = weights.false_alarm[1][m]
+            multiply(options)
+        ones = np.ones(len(weights.base))
+        for i in first if middle else first[1:]:
+            options = {(0, 0): ones} if middle else {}
+            if missed_left >= 1:
+                options[1, 0] = reduce(weights.first[i][last], axis=0, initial=0.0)
+            if missed_left >= 2:
+                options[2, 0] = weights.first[i, -1]
+            if false_left >= 1:
+                options[0, 1] = weights.false_alarm[0][i]
+            multiply(options)
+        for k in last if middle or first else last[1:]:
+            options = {(0, 0): ones} if middle or first else {}
+            if missed_left >= 2:
+                options[2, 0] = weights.last[k]
+            if false_left >= 1:
+                options[0, 1] = weights.false_alarm[2][k]
+            multiply(options)
+        return total
 
 
-def _unused(count: int, used: list[int]) -> list[int]:
-    return [i for i in range(count) if i not in used]
+def _product(a: _Counts, b: _Counts, limits: tuple[int, int], gather: _Gather) -> _Counts:
+    product: _Counts = {}
+    for (missed_a, false_a), weight_a in a.items():
+        for (missed_b, false_b), weight_b in b.items():
+            count = (missed_a + missed_b, false_a + false_b)
+            if count[0] > limits[0] or count[1] > limits[1]:
+                continue
+            term = weight_a * weight_b
+            product[count] = gather(product[count], term) if count in product else term
+    return product
 
 
-def _without(core: FloatArray, *, takes_first: bool, takes_last: bool) -> FloatArray:
-    """Sum of (a, b, Q) weights without one row, one column, or both; the last choice is none."""
-    total = core.sum(axis=(0, 1))
-    result = np.broadcast_to(
-        total, (core.shape[0] * takes_first + 1, core.shape[1] * takes_last + 1, len(total))
-    ).copy()
-    if takes_first:
-        result[:-1] -= core.sum(axis=1)[:, None]
-    if takes_last:
-        result[:, :-1] -= core.sum(axis=0)[None]
-    if takes_first and takes_last:
-        result[:-1, :-1] += core
-    return np.asarray(np.maximum(result, 0.0) + ROUNDING * total, dtype=np.float64)
-
-
-def _replaced(by_count: _Counts, axis: int, position: int, size: int) -> _Counts:
-    """The same factor, but one where the part before has taken this very detection."""
-    replaced = {}
-    for count, value in by_count.items():
-        shape = (size, value.shape[1]) if axis == 0 else (value.shape[0], size)
-        wide = np.broadcast_to(value, (*shape, value.shape[2])).copy()
-        taken = (position, slice(None)) if axis == 0 else (slice(None), position)
-        wide[taken] = 1.0 if count == (0, 0) else 0.0
-        replaced[count] = wide
-    return replaced
-
-
-def _within(rest: _Counts, missed: int, n_false: int) -> FloatArray:
-    """Sum of what stays within the numbers left."""
-    terms = [w for count, w in rest.items() if count[0] <= missed and count[1] <= n_false]
-    return np.sum(terms, axis=0) if terms else np.zeros((1, 1, 1))
-
-
-def _at(tails: FloatArray, some: BoolArray) -> FloatArray:
-    """Entries of (a, b, Q) tails where the (a, b) mask is True, (c, Q)."""
-    return np.broadcast_to(tails, (*some.shape, tails.shape[2]))[some]
+def _within(rest: _Counts, left: tuple[int, int], gather: _Gather) -> FloatArray:
+    """Put together what stays within the numbers left, (Q,)."""
+    result = np.zeros(1)
+    for count, weight in rest.items():
+        if count[0] <= left[0] and count[1] <= left[1]:
+            result = gather(result, weight)
+    return result
