@@ -27,7 +27,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import astuple, fields
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 from measure import Job, Row, code_version, compile_seconds, measure, warm_up
 from rich.console import Console
@@ -107,10 +109,12 @@ def read_rows(path: Path) -> list[Row]:
     header, *lines = csv.reader(whole.splitlines())
     if header != names:
         raise ValueError(f"{path} has other columns: remove it, or give another --output")
-    return [Row(*map(_value, names, line)) for line in lines]
+    return [
+        Row(**{n: _value(n, text) for n, text in zip(names, line, strict=True)}) for line in lines
+    ]
 
 
-def _value(name: str, text: str) -> object:
+def _value(name: str, text: str) -> Any:
     if name in _TEXT:
         return text
     return ast.literal_eval(text) if text else None
@@ -140,7 +144,7 @@ def _run(
     )
     context = get_context("fork")
     waiting = list(reversed(jobs))
-    running: dict[Connection, tuple[object, Job]] = {}
+    running: dict[Connection, tuple[BaseProcess, Job]] = {}
     with Progress(*columns, console=console, auto_refresh=False) as bar:
         task = bar.add_task("scenes", total=len(jobs))
         while waiting or running:
@@ -151,8 +155,9 @@ def _run(
                 process.start()
                 sender.close()
                 running[receiver] = (process, job)
-            for receiver in wait(list(running), timeout=_REDRAW_SECONDS):
-                process, job = running.pop(receiver)
+            ready = wait(list(running), timeout=_REDRAW_SECONDS)
+            for receiver in [each for each in running if each in ready]:
+                finished, job = running.pop(receiver)
                 try:
                     row = receiver.recv()
                 except EOFError:
@@ -161,7 +166,7 @@ def _run(
                     _append(path, row)
                     yield row
                 receiver.close()
-                process.join()
+                finished.join()
                 bar.advance(task)
             bar.refresh()
 
@@ -187,7 +192,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--quick", action="store_true", help="few scenes, n to 12")
     parser.add_argument("--scenes", type=int, default=10, help=f"of each kind, n to {LARGE}")
-    parser.add_argument("--large-scenes", type=int, default=3, help="of each kind, larger n")
+    parser.add_argument("--large-scenes", type=int, default=5, help="of each kind, larger n")
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="landmarks")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS)
     parser.add_argument("--epsilons-deg", type=float, nargs="+", default=EPSILONS_DEG)
