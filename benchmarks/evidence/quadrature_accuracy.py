@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(
         f"{options.scenes} scenes a row, seed {options.seed}; {options.checked} associations each"
     )
-    print(f"model: {ObservationModel(sigma=1.0).describe()}, but for sigma")
+    print(f"model: {ObservationModel(sigma=math.radians(1.0)).describe()}; sigma as in the row")
     print(f"{'kind':<10} {'n':>2} {'sigma':>6} {'checked':>7} {'unresolved':>10}", end="")
     print(f" {'max error':>9} {'median s':>8} {'proven':>6}")
     worst = 0.0

@@ -1,1 +1,1 @@
-"""Evidence by integration: what Laplace's approximation is held against."""
+"""Evidence by integration: exact for three scans, and what other evidence is made of."""

@@ -13,7 +13,8 @@ import numpy as np
 
 from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.association import MISSED
-from mht_slam.evidence.cluster_integral import Cells, log_cluster_integrals
+from mht_slam.evidence.cells import Cells
+from mht_slam.evidence.cluster_integral import log_cluster_integrals
 from mht_slam.measurements import BearingScan
 from mht_slam.models import ObservationModel
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from mht_slam import Comparison, solve
+from mht_slam import Comparison, Solution, compare, evidence_by_quadrature, solve
 from mht_slam.cli.report import agreement, print_report
 from mht_slam.simulation import simulate_scene
 
@@ -45,3 +45,14 @@ def test_the_line_names_agreement_and_the_ranks_of_the_truth(
 
 def test_an_unknown_truth_is_said() -> None:
     assert "not known" in agreement(Comparison((), None, False, None, None), None)
+
+
+def test_a_likelihood_that_nobody_estimated_is_said() -> None:
+    epsilon = math.radians(2.0)
+    scene = simulate_scene("annulus", 3, np.random.default_rng(1), epsilon=epsilon)
+    solution = solve(scene.run, epsilon=epsilon, sigma=epsilon / 2.0, top_k=1)
+    weighed = evidence_by_quadrature(scene.run, solution.ranking, sigma=epsilon / 2.0)
+    without = Solution(solution.ranking, weighed, compare(solution.ranking, weighed))
+    out = StringIO()
+    print_report(Console(file=out, width=80), without, None, own_sigmas=False)
+    assert "none" in out.getvalue()

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from mht_slam import ObservationModel
 from mht_slam.arrays import BoolArray, FloatArray
-from mht_slam.evidence.cluster_integral import Cells, log_cluster_integrals
+from mht_slam.evidence.cells import Cells
+from mht_slam.evidence.cluster_integral import log_cluster_integrals
 
 MODEL = ObservationModel(sigma=math.radians(1.0))
 PLACES = {

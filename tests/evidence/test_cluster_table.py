@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from mht_slam import ObservationModel
-from mht_slam.evidence.cluster_integral import Cells, log_cluster_integrals
+from mht_slam.evidence.cells import Cells
+from mht_slam.evidence.cluster_integral import log_cluster_integrals
 from mht_slam.evidence.cluster_table import DROP_SCALE, TOLERANCE, ClusterTable, tabulate
 from mht_slam.simulation import Scene, simulate_scene
 

@@ -26,7 +26,7 @@ from mht_slam import (
     rank_by_evidence,
     refine,
 )
-from mht_slam.errors import AssociationError, OptionError, UnequalScansError
+from mht_slam.errors import AssociationError, NoEstimateError, OptionError, UnequalScansError
 from mht_slam.simulation import Scene, simulate_scene
 
 KINDS = ("annulus", "one_sided", "corridor", "clusters")
@@ -307,6 +307,8 @@ def test_a_ranking_brings_its_scans_and_scores() -> None:
     comparison = compare(ranking, posterior, truth)
     assert comparison.truth_evidence_rank == 1
     assert all(row.log_likelihood is None for row in comparison.rows)
+    with pytest.raises(NoEstimateError, match="refine makes estimates"):
+        posterior[0].to_gtsam()
 
 
 def test_refusals_name_the_remedy() -> None:
