@@ -23,7 +23,7 @@ import csv
 import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple, fields
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
@@ -31,12 +31,11 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from measure import Job, Row, code_version, compile_seconds, measure, warm_up
+from measure import KINDS, Job, Row, code_version, compile_seconds, measure, warm_up
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from summary import draw, summarise
+from summary import details, draw, summarise
 
-KINDS = ("one_sided", "annulus", "clusters")
 SIZES = (3, 4, 5, 6, 7, 8, 10, 12, 16, 20, 24)
 EPSILONS_DEG = (1.0, 3.0, 5.0)
 LARGE = 12
@@ -66,15 +65,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rows |= {row.job: row for row in _run(missing, version, path, options.workers, console)}
     compiling = None if options.quick else _compile_seconds(options.output, version)
     done = sorted((rows[job] for job in jobs if job in rows), key=_place)
+    if not done:
+        print("exact_against_exhaustive: no scene gave a result", file=sys.stderr)
+        return 1
     lines = list(summarise(done, compiling))
-    (options.output / "summary.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    _write_lines(options.output / "summary.md", lines)
+    _write_lines(options.output / "details.md", details(done))
     draw(done).savefig(options.output / "exact_ranking.png", dpi=150)
     print("\n".join(lines))
-    print(f"\nrows, summary and figure in {options.output}")
+    print(f"\nrows, summary, details and figure in {options.output}")
     if len(done) < len(jobs):
         print(f"{len(jobs) - len(done)} scenes ended without a result", file=sys.stderr)
         return 1
     return 0
+
+
+def _write_lines(path: Path, lines: Iterable[str]) -> None:
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _place(row: Row) -> tuple[float, ...]:

@@ -25,6 +25,7 @@ from mht_slam.polygon import exhaustive as exhaustive_module
 from mht_slam.simulation import Scene, simulate_scene
 from mht_slam.simulation.scenes import SceneKind
 
+KINDS: tuple[SceneKind, ...] = ("one_sided", "annulus", "clusters")
 TOP_K = 10
 LARGEST_LP = 4
 

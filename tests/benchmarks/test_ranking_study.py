@@ -35,7 +35,8 @@ def run_study(output: Path) -> str:
     command += ["--output", str(output), "--scenes", str(N_JOBS), "--workers", "1"]
     outcome = subprocess.run(command, check=True, capture_output=True, text=True)  # noqa: S603 - ours
     assert (output / "exact_ranking.png").stat().st_size > 0
-    assert "| one_sided | 1 | 3 | 2 |" in outcome.stdout
+    assert "| n | scenes | one-sided, 1 deg |\n| --- | --- | --- |\n| 3 | 2 |" in outcome.stdout
+    assert "| one_sided | 1.0 | 3 | 2 |" in (output / "details.md").read_text(encoding="utf-8")
     return outcome.stderr
 
 
