@@ -30,8 +30,6 @@ from mht_slam.measurements import BearingScan
 from mht_slam.models import ObservationModel
 from mht_slam.progress import Progress
 
-LISTED = 40.0
-"""Nats below the best association at which the list ends."""
 FIRST_LOOKS = 6
 """Ratios at which a first association is looked for, to know what is negligible."""
 LOOK_NODES = 400
@@ -138,13 +136,9 @@ class CoverProblem:
         listed = [(math.log(weight) + log_unit, cover) for weight, cover in found.covers]
         if not listed:
             return self._nothing_found()
-        top = listed[0][0]
-        kept = [(evidence, cover) for evidence, cover in listed if evidence >= top - LISTED]
-        dropped = math.fsum(math.exp(evidence - log_unit) for evidence, _ in listed[len(kept) :])
-        outside = found.outside + dropped
         return Found(
-            listed=[(evidence, self._association(cover)) for evidence, cover in kept],
-            log_outside=math.log(outside) + log_unit if outside > 0.0 else -math.inf,
+            listed=[(evidence, self._association(cover)) for evidence, cover in listed],
+            log_outside=math.log(found.outside) + log_unit if found.outside > 0.0 else -math.inf,
             complete=found.complete,
         )
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
@@ -18,8 +19,10 @@ import numpy as np
 from mht_slam.arrays import FloatArray
 from mht_slam.progress import Progress
 
+LISTED = math.exp(-40.0)
+"""Share of the heaviest cover's weight below which covers are not listed."""
 DUST = 1e-20
-"""Share of the heaviest cover found below which a branch is only added to what lies outside."""
+"""Share of the weight found below which a branch is only added to what lies outside."""
 REST = 0.01
 """Share of the weight that may lie in unopened branches at the end."""
 PATIENCE = 500
@@ -66,9 +69,10 @@ class CoverList:
 
     Attributes
     ----------
-    covers : heaviest first, with their weights. Equal weights are not ordered.
+    covers : heaviest first, with their weights, down to a share `LISTED` of the first. Equal
+        weights are not ordered.
     outside : bound on the weight of everything else.
-    complete : whether nothing else weighs more than the last one listed.
+    complete : whether nothing else belongs into the list.
     n_nodes : how many branches were opened.
     """
 
@@ -148,8 +152,9 @@ class _Search:
 
     @property
     def last(self) -> float:
-        """Weight of the last cover listed; zero where there are fewer than asked for."""
-        return self.best[0] if len(self.best) == self.top_k else 0.0
+        """Weight that a cover must have to be listed."""
+        enough = self.best[0] if len(self.best) == self.top_k else 0.0
+        return max(enough, LISTED * max(self.best, default=0.0))
 
     @property
     def is_proven(self) -> bool:
