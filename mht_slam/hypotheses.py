@@ -104,7 +104,9 @@ class Ranking(Sequence[RankedAssociation]):
         complete.
     epsilon : the vision error, radians.
     options : the remaining options of the call, by name.
-    n_scored : how many associations were scored, counting those by bound alone.
+    n_scored : how many associations were scored one by one.
+    n_steps : steps of an exact search: intersection ratios computed and partial hypotheses
+        extended.
     """
 
     hypotheses: tuple[RankedAssociation, ...]
@@ -115,6 +117,7 @@ class Ranking(Sequence[RankedAssociation]):
     epsilon: float
     options: dict[str, Any] = field(default_factory=dict)
     n_scored: int = 0
+    n_steps: int = 0
 
     def __len__(self) -> int:
         return len(self.hypotheses)

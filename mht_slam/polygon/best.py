@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from mht_slam.arrays import FloatArray, IntArray
@@ -12,6 +14,26 @@ SCORE_DECIMALS = 12
 _MERGE_AT = 100_000
 
 
+@dataclass(frozen=True)
+class Listing:
+    """What a search lists.
+
+    Attributes
+    ----------
+    listed : (score, table) of the hypotheses listed, in order.
+    n_scored : how many hypotheses were scored one by one.
+    complete : whether nothing unlisted comes before the last one.
+    bound : what no unlisted score exceeds, where the search was cut short.
+    n_steps : intersection ratios computed and partial hypotheses extended.
+    """
+
+    listed: list[tuple[float, IntArray]]
+    n_scored: int
+    complete: bool = True
+    bound: float = 0.0
+    n_steps: int = 0
+
+
 class Best:
     """The best `room` hypotheses so far (all where it is None), in order."""
 
@@ -19,7 +41,13 @@ class Best:
         self._room = room
         self._parts: list[tuple[FloatArray, IntArray]] = []
         self._waiting = 0
-        self.threshold = -np.inf
+        self._threshold = -np.inf
+
+    @property
+    def threshold(self) -> float:
+        """The least score that can still enter; -inf while there is room."""
+        self._merge()
+        return self._threshold
 
     @property
     def scores(self) -> FloatArray:
@@ -52,8 +80,11 @@ class Best:
             ]
         )
         rounded = np.round(scores, SCORE_DECIMALS)
-        order = np.lexsort((*keys.T[::-1], -rounded))[: self._room]
+        order = np.lexsort((*keys.T[::-1], -rounded))
+        # A search that was taken up again finds what it found before.
+        again = (keys[order[1:]] == keys[order[:-1]]).all(axis=1)
+        order = order[np.append(True, ~again)][: self._room]
         self._parts = [(scores[order], keys[order])]
         self._waiting = 0
         if self._room is not None and len(order) == self._room:
-            self.threshold = rounded[order[-1]]
+            self._threshold = float(rounded[order[-1]])

@@ -92,4 +92,4 @@ def corners(polygon: Any) -> ComplexArray:
     points: ComplexArray = x + 1j * y
     from_first = points - points[0]
     signed_area = float((from_first[:-1].conj() * from_first[1:]).imag.sum())
-    return points if signed_area > 0.0 else points[::-1]
+    return np.ascontiguousarray(points if signed_area > 0.0 else points[::-1])

@@ -91,7 +91,8 @@ def shared_area(first: ComplexArray, n_first: int, second: ComplexArray, n_secon
     here[:count] = first[:count]
     for side in range(n_second):
         start = second[side]
-        count = clip(here, count, start, second[(side + 1) % n_second] - start, rounding, there)
+        along = second[(side + 1) % n_second] - start
+        count = clip(here[:count], start, along, rounding, there)
         if count < 3:
             return 0.0
         here, there = there, here
@@ -100,22 +101,16 @@ def shared_area(first: ComplexArray, n_first: int, second: ComplexArray, n_secon
 
 @compiled
 def clip(
-    polygon: ComplexArray,
-    count: int,
-    start: complex,
-    along: complex,
-    rounding: float,
-    clipped: ComplexArray,
+    polygon: ComplexArray, start: complex, along: complex, rounding: float, clipped: ComplexArray
 ) -> int:
     """Write the part of a convex polygon on the left of a line into `clipped`; return its corners.
 
     Corners count as on the left up to an area of `rounding` beside `along`.
     """
     kept = 0
-    previous = polygon[count - 1]
+    previous = polygon[-1]
     height = cross(along, previous - start)
-    for i in range(count):
-        corner = polygon[i]
+    for corner in polygon:
         own = cross(along, corner - start)
         if (own >= -rounding) != (height >= -rounding):
             share = abs(height) / (abs(height) + abs(own))

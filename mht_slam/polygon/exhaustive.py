@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mht_slam.arrays import BoolArray, FloatArray, IntArray
-from mht_slam.polygon.best import SCORE_DECIMALS, Best
+from mht_slam.polygon.best import SCORE_DECIMALS, Best, Listing
 from mht_slam.polygon.enumeration import (
     MAX_HYPOTHESES,
     Completion,
@@ -29,10 +29,8 @@ from mht_slam.progress import Progress
 _BLOCK = 1_000_000
 
 
-def exhaustive_search(
-    problem: Problem, progress: Progress | None = None
-) -> tuple[list[tuple[float, IntArray]], int]:
-    """Score all hypotheses; return (score, table) of those listed, in order, and how many.
+def exhaustive_search(problem: Problem, progress: Progress | None = None) -> Listing:
+    """Score all hypotheses.
 
     The order: landmarks seen in every scan (more first), score rounded to 1e-12 (higher first),
     table flattened with -1 as plus infinity (a table that runs out of rows comes first).
@@ -69,7 +67,7 @@ def exhaustive_search(
             (float(score), problem.decode(keys))
             for score, keys in zip(best.scores, best.keys, strict=True)
         ]
-    return listed, n_scored
+    return Listing(listed, n_scored)
 
 
 def _score_subset(

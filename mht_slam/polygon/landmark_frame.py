@@ -17,7 +17,7 @@ from mht_slam.arrays import BoolArray, FloatArray
 from mht_slam.compiled import compiled
 from mht_slam.polygon.cones import ComplexArray, ObjectArray
 from mht_slam.polygon.convex import clip, convex_hull, cross, polygon_area
-from mht_slam.polygon.support import Boxes, all_boxes, support
+from mht_slam.polygon.support import Boxes, Touch, all_boxes, support
 
 REGIONS = ("edges", "vertices")
 
@@ -69,7 +69,8 @@ def landmark_frame_region(triple: Triple, region: str = "edges") -> ComplexArray
     cent too large. Edges of the base cells become circular arcs, so the hull is closed in between
     an inner polygon of extreme points and an outer one of the lines that support it; directions
     are added until both agree to `AREA_TOLERANCE`. No point of a cell is lost to sampling. Only
-    where base cells nearly touch along an edge, and the region is huge, it is a disc that holds it.
+    where base cells nearly touch along an edge, and the region is huge, it stays coarser, if need
+    be a disc that holds it.
     ``region="vertices"`` is the hull of the combinations of corners, which is no outer bound.
 
     Source: the paper's Uncertainty Analysis Method; docs/method.md, section 3.
@@ -116,10 +117,9 @@ def outline(
     boxes = all_boxes(first, second, third)
     point = np.empty((FIRST_DIRECTIONS, 2), dtype=np.complex128)
     height = np.empty(FIRST_DIRECTIONS)
-    count = 0
     if first_lines(boxes, point, height):
-        count = enclose(boxes, point, height, corners)
-    return count if count else disc_that_holds(first, second, third, corners)
+        return enclose(boxes, point, height, corners)
+    return disc_that_holds(first, second, third, corners)
 
 
 @compiled
@@ -144,7 +144,8 @@ def enclose(
 ) -> int:
     """Add support lines to the first ones until they close the region in.
 
-    Writes the corners of the polygon between all lines, and returns how many; 0 if given up.
+    Writes the corners of the polygon between all lines, and returns how many. Where the search for
+    a line is given up, the polygon stays as it is.
     """
     angle, height = np.empty(MAX_CORNERS), np.empty(MAX_CORNERS)
     begin, end = np.empty((2, MAX_CORNERS), dtype=np.complex128)
@@ -155,6 +156,7 @@ def enclose(
     polygon, clipped = corners, np.empty_like(corners)
     n_corners = first_polygon(first_height, polygon, clipped)
     gaps, chosen = np.empty(MAX_CORNERS), np.empty(MAX_CORNERS)
+    touches = [Touch(0j, 0j, 0.0, False)] * MAX_CORNERS
     for _ in range(_MAX_ROUNDS):
         whole = polygon_area(polygon, n_corners)
         for i in range(count):
@@ -164,29 +166,28 @@ def enclose(
         if gaps[:count].sum() <= AREA_TOLERANCE * whole:
             break
         limit = AREA_TOLERANCE * whole / count
-        added = 0
+        added, given_up = 0, False
         for i in range(count):
             j = (i + 1) % count
             chosen[i] = _NONE
             if gaps[i] > limit:
                 chosen[i] = _direction_between(angle[i], end[i], angle[j], begin[j])
-                added += chosen[i] != _NONE
-        if added == 0 or count + added > MAX_CORNERS:
+            if chosen[i] != _NONE:
+                touches[i] = support(np.exp(1j * chosen[i]), boxes, end[i], begin[j])
+                given_up |= not touches[i].found
+                added += 1
+        if added == 0 or given_up or count + added > MAX_CORNERS:
             break
         place = count + added
-        following = begin[0]
         for i in range(count - 1, -1, -1):
             if chosen[i] != _NONE:
                 place -= 1
-                direction = np.exp(1j * chosen[i])
-                touch = support(direction, boxes, end[i], following)
-                if not touch.found:
-                    return 0
+                touch = touches[i]
                 angle[place], height[place] = chosen[i], touch.height
                 begin[place], end[place] = touch.begin, touch.end
-                n_corners = _clip_by_line(polygon, n_corners, direction, touch.height, clipped)
+                direction = np.exp(1j * chosen[i])
+                n_corners = _clip_by_line(polygon[:n_corners], direction, touch.height, clipped)
                 polygon, clipped = clipped, polygon
-            following = begin[i]
             place -= 1
             angle[place], height[place] = angle[i], height[i]
             begin[place], end[place] = begin[i], end[i]
@@ -198,23 +199,24 @@ def enclose(
 @compiled
 def first_polygon(height: FloatArray, polygon: ComplexArray, clipped: ComplexArray) -> int:
     """Write the polygon between the first support lines into `polygon`; return its corners."""
-    count = 4
     polygon[0] = complex(-height[4], -height[6])
     polygon[1] = complex(height[0], -height[6])
     polygon[2] = complex(height[0], height[2])
     polygon[3] = complex(-height[4], height[2])
+    inside = polygon[:4]
     for i in range(1, FIRST_DIRECTIONS, 2):
         direction = np.exp(1j * (i * (2.0 * np.pi / FIRST_DIRECTIONS)))
-        count = _clip_by_line(polygon, count, direction, height[i], clipped)
-        polygon[:count] = clipped[:count]
-    return count
+        count = _clip_by_line(inside, direction, height[i], clipped)
+        inside = polygon[:count]
+        inside[:] = clipped[:count]
+    return len(inside)
 
 
 @compiled
 def _clip_by_line(
-    polygon: ComplexArray, count: int, direction: complex, height: float, clipped: ComplexArray
+    polygon: ComplexArray, direction: complex, height: float, clipped: ComplexArray
 ) -> int:
-    return clip(polygon, count, direction * height, 1j * direction, 0.0, clipped)
+    return clip(polygon, direction * height, 1j * direction, 0.0, clipped)
 
 
 @compiled

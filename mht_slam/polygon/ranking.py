@@ -13,7 +13,9 @@ from mht_slam.errors import OptionError, TooFewLandmarksError, UnequalScansError
 from mht_slam.hypotheses import RankedAssociation, Ranking
 from mht_slam.measurements import BearingScan, RunPair, StraightRun, scan_selection
 from mht_slam.polygon.base import choose_base, given_base
+from mht_slam.polygon.best import Listing
 from mht_slam.polygon.enumeration import completions
+from mht_slam.polygon.exact import exact_search
 from mht_slam.polygon.exhaustive import exhaustive_search
 from mht_slam.polygon.landmark_frame import REGIONS, base_cells_meet
 from mht_slam.polygon.problem import MIN_LANDMARKS, Problem, cell_exists
@@ -29,6 +31,11 @@ MAX_DETECTIONS = 100
 MAX_RANGE = 1e6
 """The largest `max_range`, baselines: cells cut farther out lose their near corners to rounding."""
 
+METHODS = ("exact", "exhaustive")
+
+WORK_LIMIT = 5_000_000
+"""Default limit on the steps of an exact search."""
+
 _RIGHT_ANGLE = np.pi / 2.0
 
 
@@ -37,7 +44,7 @@ def rank(
     *,
     epsilon: float,
     top_k: int | None = 10,
-    method: str = "exhaustive",
+    method: str = "exact",
     ratio: str = "iou",
     region: str = "edges",
     base: tuple[int, int] | None = None,
@@ -47,6 +54,7 @@ def rank(
     max_false: int = 0,
     include_zero: bool = False,
     refine_pair: tuple[int, int] | None = None,
+    work_limit: int = WORK_LIMIT,
     progress: Progress | None = None,
 ) -> Ranking:
     """Rank associations by the paper's polygon method, best first.
@@ -61,7 +69,8 @@ def rank(
     run : what was seen. Forward is the direction of travel.
     epsilon : the vision error, radians, in (0, pi/2): half the opening of every cone.
     top_k : how many hypotheses to list; None means all.
-    method : "exhaustive" goes through all hypotheses, (n!)^2 for a run and (n!)^3 for a pair.
+    method : "exact" searches for the head of the list and proves it; "exhaustive" goes through all
+        hypotheses, (n!)^2 for a run and (n!)^3 for a pair. Both list the same.
     ratio : "iou", intersection over union, or "overlap", intersection over the smaller area.
     region : "edges", an outer bound of each region's convex hull, its area at most half a per cent
         too large; or "vertices", combinations of the cells' corners only.
@@ -74,7 +83,11 @@ def rank(
     max_false : the most detections that belong to no landmark.
     include_zero : list associations of score zero too, with the reason.
     refine_pair : first and last of `scans`: that pair's regions refine the map, not the score.
-    progress : called with the hypotheses done and their total so far, now and then.
+    work_limit : the most steps of the exact search: intersection ratios computed and partial
+        hypotheses extended, some hundred thousand a second. Where they do not suffice, the
+        ranking is not `complete`; its `gap` says how much better an unlisted hypothesis can be.
+    progress : called with the work done and its total so far, now and then: hypotheses, or for
+        "exact" choices of base cells.
 
     Labels of the scans are hard constraints: an association that contradicts them is not listed.
     With `max_missed` or `max_false`, associations with more landmarks seen in every scan come
@@ -105,9 +118,8 @@ def rank(
         whole_number(top_k, "top_k", at_least=1)
     whole_number(max_missed, "max_missed", at_least=0)
     whole_number(max_false, "max_false", at_least=0)
-    if method == "exact":
-        raise OptionError('method "exact" is not available yet: use "exhaustive"')
-    _choice(method, "method", ("exhaustive",))
+    whole_number(work_limit, "work_limit", at_least=1)
+    _choice(method, "method", METHODS)
     _choice(ratio, "ratio", RATIOS)
     _choice(region, "region", REGIONS)
     chosen, columns, middle = _selection(run, scans)
@@ -129,7 +141,10 @@ def rank(
         max_false=max_false,
         include_zero=include_zero,
     )
-    listed, n_scored = exhaustive_search(problem, progress)
+    if method == "exact":
+        listing = exact_search(problem, work_limit, progress)
+    else:
+        listing = exhaustive_search(problem, progress)
     recipe = MapRecipe(
         bearings=tuple(scan.bearings for scan in members),
         scans=chosen,
@@ -140,11 +155,11 @@ def rank(
         region=region,
     )
     return Ranking(
-        hypotheses=tuple(_ranked(problem, recipe, score, table) for score, table in listed),
+        hypotheses=tuple(_ranked(problem, recipe, score, table) for score, table in listing.listed),
         scans=chosen,
         base=full_base,
-        complete=True,
-        gap=0.0,
+        complete=listing.complete,
+        gap=_gap(listing),
         epsilon=float(epsilon),
         options={
             "top_k": top_k,
@@ -157,9 +172,17 @@ def rank(
             "max_false": max_false,
             "include_zero": include_zero,
             "refine_pair": refine_pair,
+            "work_limit": work_limit,
         },
-        n_scored=n_scored,
+        n_scored=listing.n_scored,
+        n_steps=listing.n_steps,
     )
+
+
+def _gap(listing: Listing) -> float:
+    """How far an unlisted score can exceed the last one listed."""
+    last = listing.listed[-1][0] if listing.listed else 0.0
+    return 0.0 if listing.complete else max(listing.bound - last, 0.0)
 
 
 def _choice(value: object, name: str, choices: tuple[str, ...]) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mht_slam.arrays import BoolArray, FloatArray, IntArray
+from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.compiled import compiled
 from mht_slam.polygon.cones import ComplexArray
 from mht_slam.polygon.convex import polygon_area, shared_area
@@ -47,15 +47,14 @@ class Outlines:
         return Outlines(self.corners[chosen], self.count[chosen])
 
 
-def ratio_table(first: Outlines, second: Outlines, ratio: str, wanted: BoolArray) -> FloatArray:
+def ratio_table(first: Outlines, second: Outlines, ratio: str) -> FloatArray:
     """Intersection ratio of every region in `first` (a,) with every one in `second` (b,).
 
     Returns (a, b) in [0, 1]: ``"iou"`` is intersection over union, ``"overlap"`` intersection over
-    the smaller area. Entries outside the (a, b) mask `wanted`, and those of regions without area,
-    are 0. Source: docs/method.md, section 3.
+    the smaller area. Those of regions without area are 0. Source: docs/method.md, section 3.
     """
     table = np.zeros((len(first), len(second)))
-    _fill(first.corners, first.count, second.corners, second.count, ratio == "iou", wanted, table)
+    _fill(first.corners, first.count, second.corners, second.count, ratio == "iou", table)
     return table
 
 
@@ -84,7 +83,6 @@ def _fill(
     second: ComplexArray,
     n_second: IntArray,
     of_union: bool,
-    wanted: BoolArray,
     table: FloatArray,
 ) -> None:
     boxes_1, areas_1 = _boxes_and_areas(first, n_first)
@@ -93,10 +91,10 @@ def _fill(
         a = boxes_1[i]
         for j in range(len(second)):
             b = boxes_2[j]
-            if wanted[i, j] and (a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3]):
+            if a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3]:
                 table[i, j] = intersection_ratio(
-                    first[i, : n_first[i]],
-                    second[j, : n_second[j]],
+                    first[i][: n_first[i]],
+                    second[j][: n_second[j]],
                     areas_1[i],
                     areas_2[j],
                     of_union,
@@ -108,7 +106,7 @@ def _boxes_and_areas(corners: ComplexArray, count: IntArray) -> tuple[FloatArray
     """(N, 4) least x, least y, largest x, largest y; and (N,) areas."""
     boxes, areas = np.empty((len(count), 4)), np.empty(len(count))
     for i in range(len(count)):
-        own = corners[i, : count[i]]
+        own = corners[i][: count[i]]
         boxes[i] = (own.real.min(), own.imag.min(), own.real.max(), own.imag.max())
         areas[i] = polygon_area(own, count[i])
     return boxes, areas

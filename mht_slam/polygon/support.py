@@ -9,6 +9,7 @@ derivative; likewise for p2. So a box's corners bound the whole box.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -110,8 +111,8 @@ def all_boxes(first: ComplexArray, second: ComplexArray, third: ComplexArray) ->
     pieces, bulges = np.empty((n, 4), dtype=np.int64), np.empty((n, 4))
     for i in range(len(pieces_1)):
         for j in range(len(pieces_2)):
-            a, b = pieces_1[i]
-            c, d = pieces_2[j]
+            a, b = pieces_1[i, 0], pieces_1[i, 1]
+            c, d = pieces_2[j, 0], pieces_2[j, 1]
             arm_1, arm_2 = 0.0, 0.0
             for p3 in third:
                 arm_1 = max(arm_1, _square(p3 - second[c]), _square(p3 - second[d]))
@@ -119,8 +120,9 @@ def all_boxes(first: ComplexArray, second: ComplexArray, third: ComplexArray) ->
             arm_1, arm_2 = np.sqrt(arm_1), np.sqrt(arm_2)
             bulge_1, bulge_2 = _bulges(first[a], first[b], second[c], second[d], arm_1, arm_2)
             box = i * len(pieces_2) + j
-            pieces[box] = (a, b, c, d)
-            bulges[box] = (arm_1, arm_2, bulge_1, bulge_2)
+            pieces[box, 0], pieces[box, 1], pieces[box, 2], pieces[box, 3] = a, b, c, d
+            bulges[box, 0], bulges[box, 1] = arm_1, arm_2
+            bulges[box, 2], bulges[box, 3] = bulge_1, bulge_2
     open_ends = np.empty((2, MAX_BOXES, 4), dtype=np.complex128)
     open_bulges = np.empty((2, MAX_BOXES, 5))
     return Boxes(first, second, third, images, pieces, bulges, open_ends, open_bulges)
@@ -154,12 +156,10 @@ def support(direction: complex, boxes: Boxes, begin: complex, end: complex) -> T
                 for k in range(n3):
                     touch = _farther(touch, boxes.images[i, j, k], turned, tie)
     count = _open_boxes(turned, boxes, farthest, touch.height + tolerance)
-    now = 0
-    for _ in range(_MAX_ROUNDS):
+    for number in range(_MAX_ROUNDS):
         if count == 0:
             return Touch(touch.begin, touch.end, touch.height + tolerance, True)
-        touch, count = _divide(turned, boxes, now, count, touch, tolerance, tie)
-        now = 1 - now
+        touch, count = _divide(turned, boxes, number % 2, count, touch, tolerance, tie)
         if count < 0:
             break
     return Touch(begin, end, np.inf, False)
@@ -170,7 +170,8 @@ def _open_boxes(turned: complex, boxes: Boxes, farthest: FloatArray, needed: flo
     """List the boxes that may reach beyond `needed` for the first round; return how many."""
     count = 0
     for i in range(len(boxes.pieces)):
-        a, b, c, d = boxes.pieces[i]
+        a, b = boxes.pieces[i, 0], boxes.pieces[i, 1]
+        c, d = boxes.pieces[i, 2], boxes.pieces[i, 3]
         bulge_1, bulge_2 = boxes.bulges[i, 2], boxes.bulges[i, 3]
         top = max(farthest[a, c], farthest[a, d], farthest[b, c], farthest[b, d])
         if top + bulge_1 + bulge_2 <= needed:
@@ -185,9 +186,11 @@ def _open_boxes(turned: complex, boxes: Boxes, farthest: FloatArray, needed: flo
         if bound > needed:
             if count == MAX_BOXES:
                 return -1
-            _store(boxes, 0, count, p1_a, p1_b, p2_a, p2_b)
-            boxes.open_bulges[0, count, :4] = boxes.bulges[i]
-            boxes.open_bulges[0, count, 4] = bound
+            _store(boxes.open_ends[0, count], p1_a, p1_b, p2_a, p2_b)
+            own = boxes.open_bulges[0, count]
+            for k in range(4):
+                own[k] = boxes.bulges[i, k]
+            own[4] = bound
             count += 1
     return count
 
@@ -208,10 +211,12 @@ def _divide(
     later = 1 - now
     kept = 0
     for i in range(count):
-        arm_1, arm_2, bulge_1, bulge_2, bound = boxes.open_bulges[now, i]
-        if bound <= needed:
+        own = boxes.open_bulges[now, i]
+        if own[4] <= needed:
             continue
-        p1_a, p1_b, p2_a, p2_b = boxes.open_ends[now, i]
+        ends = boxes.open_ends[now, i]
+        p1_a, p1_b, p2_a, p2_b = ends[0], ends[1], ends[2], ends[3]
+        arm_1, arm_2, bulge_1, bulge_2 = own[0], own[1], own[2], own[3]
         across_1 = bulge_1 > bulge_2
         if bulge_1 == bulge_2:
             across_1 = _square(p1_b - p1_a) >= _square(p2_b - p2_a)
@@ -232,20 +237,16 @@ def _divide(
             if bound > needed:
                 if kept == MAX_BOXES:
                     return touch, -1
-                _store(boxes, later, kept, a, b, c, d)
-                boxes.open_bulges[later, kept] = (arm_1, arm_2, half_1, half_2, bound)
+                _store(boxes.open_ends[later, kept], a, b, c, d)
+                part = boxes.open_bulges[later, kept]
+                part[0], part[1], part[2], part[3], part[4] = arm_1, arm_2, half_1, half_2, bound
                 kept += 1
     return touch, kept
 
 
 @compiled
-def _store(
-    boxes: Boxes, now: int, place: int, p1_a: complex, p1_b: complex, p2_a: complex, p2_b: complex
-) -> None:
-    boxes.open_ends[now, place, 0] = p1_a
-    boxes.open_ends[now, place, 1] = p1_b
-    boxes.open_ends[now, place, 2] = p2_a
-    boxes.open_ends[now, place, 3] = p2_b
+def _store(ends: ComplexArray, p1_a: complex, p1_b: complex, p2_a: complex, p2_b: complex) -> None:
+    ends[0], ends[1], ends[2], ends[3] = p1_a, p1_b, p2_a, p2_b
 
 
 @compiled
@@ -255,7 +256,7 @@ def _cut(start: complex, end: complex, other_start: complex, other_end: complex)
     A bisector of the angle would do so: far parts of a piece matter less than near ones.
     """
     other = 0.5 * (other_start + other_end)
-    near, far = np.sqrt(_square(start - other)), np.sqrt(_square(end - other))
+    near, far = math.sqrt(_square(start - other)), math.sqrt(_square(end - other))
     share = min(max(near / (near + far), 0.1), 0.9)
     return start + share * (end - start)
 

@@ -33,14 +33,18 @@ class PairOfScans:
     Attributes
     ----------
     columns : the two columns of the associations' tables.
+    others : those of them that are not the middle scan's.
     cells : the pair's cells in its own F_R.
     cell_of : (middle detections, options) flat index of the cell that an option gives a landmark.
+    detections : (options, len(others)) the detections an option stands for.
     clash : (options, options) whether two landmarks cannot have both options.
     """
 
     columns: tuple[int, int]
+    others: tuple[int, ...]
     cells: Cells
     cell_of: IntArray
+    detections: IntArray
     clash: BoolArray
 
     @classmethod
@@ -57,16 +61,16 @@ class PairOfScans:
         first, second = (scans[column] for column in columns)
         n_first, n_second = len(first), len(second)
         flat = np.arange(n_first * n_second).reshape(n_first, n_second)
-        if middle == columns[0]:
-            cell_of, clash = flat, np.eye(n_second, dtype=np.bool_)
-        elif middle == columns[1]:
-            cell_of, clash = flat.T, np.eye(n_first, dtype=np.bool_)
+        if middle in columns:
+            cell_of = flat if middle == columns[0] else flat.T
+            detections = np.arange(cell_of.shape[1])[:, None]
         else:
             cell_of = np.tile(flat.ravel(), (len(scans[middle]), 1))
-            i, j = np.divmod(flat.ravel(), max(n_second, 1))
-            clash = (i[:, None] == i) | (j[:, None] == j)
+            detections = np.column_stack(np.divmod(flat.ravel(), max(n_second, 1)))
+        clash = (detections[:, None] == detections).any(axis=2)
+        others = tuple(column for column in columns if column != middle)
         both = cells(first.bearings, second.bearings, epsilon=epsilon, max_range=max_range)
-        return cls(columns, both, cell_of, clash)
+        return cls(columns, others, both, cell_of, detections, clash)
 
     @cached_property
     def filled(self) -> BoolArray:
@@ -103,10 +107,9 @@ def third_landmarks(
     Raises `OptionError` beyond `MAX_REGIONS` or `MAX_RATIOS`, where labels let many detections
     through that exhaustive tables have no room for.
     """
-    (regions_1, index_1, bases_1), (regions_2, index_2, bases_2) = (
+    (regions_1, index_1), (regions_2, index_2) = (
         _pair_regions(pair, base, region) for pair in pairs
     )
-    alive = np.ones((bases_1.max(initial=-1) + 1, bases_2.max(initial=-1) + 1), dtype=np.bool_)
     tables = {}
     n_ratios = 0
     for landmark in range(len(pairs[0].cell_of)):
@@ -117,28 +120,16 @@ def third_landmarks(
         n_ratios += len(chosen_1) * len(chosen_2)
         if n_ratios > MAX_RATIOS:
             raise _too_large(f"{MAX_RATIOS:,} intersection ratios")
-        bases = np.ix_(bases_1[chosen_1], bases_2[chosen_2])
         ratios = np.zeros((len(chosen_1) + 1, len(chosen_2) + 1))
-        # Base cells for which another landmark has no shared region score zero anyway.
-        ratios[:-1, :-1] = ratio_table(
-            regions_1[chosen_1], regions_2[chosen_2], ratio, alive[bases]
-        )
-        met = np.zeros_like(alive)
-        i, j = np.nonzero(ratios[:-1, :-1])
-        met[bases_1[chosen_1[i]], bases_2[chosen_2[j]]] = True
-        alive &= met
+        ratios[:-1, :-1] = ratio_table(regions_1[chosen_1], regions_2[chosen_2], ratio)
         tables[landmark] = ThirdLandmark(local_1, local_2, ratios)
     return tables
 
 
 def _pair_regions(
     pair: PairOfScans, base: tuple[int, int], region: str
-) -> tuple[Outlines, IntArray, IntArray]:
-    """All regions of one pair.
-
-    Returns the regions; their index by (option, option, third cell), -1 where there is none; and
-    for each the number of its base options.
-    """
+) -> tuple[Outlines, IntArray]:
+    """All regions of one pair, and their index by (option, option, third cell), -1 for none."""
     n_options, n_cells = len(pair.clash), len(pair.filled)
     polygons = pair.cells.polygons.ravel()
     outlines = {int(c): corners(polygons[c]) for c in np.flatnonzero(pair.filled)}
@@ -146,8 +137,7 @@ def _pair_regions(
     possible = np.zeros(n_cells, dtype=np.bool_)
     index = np.full((n_options, n_options, n_cells), -1, dtype=np.int64)
     triples: list[Triple] = []
-    bases: list[int] = []
-    for number, (o1, o2) in enumerate(base_options(pair, base)):
+    for o1, o2 in base_options(pair, base):
         free = ~(pair.clash[o1] | pair.clash[o2])
         possible[:] = False
         possible[pair.cell_of[others][:, free]] = True
@@ -155,11 +145,10 @@ def _pair_regions(
         index[o1, o2, thirds] = len(triples) + np.arange(len(thirds))
         first, second = (outlines[pair.cell_of[b, o]] for b, o in zip(base, (o1, o2), strict=True))
         triples += [Triple(first, second, outlines[third]) for third in thirds.tolist()]
-        bases += [number] * len(thirds)
         if len(triples) > MAX_REGIONS:
             raise _too_large(f"{MAX_REGIONS:,} regions in F_L")
     regions = Outlines.of([landmark_frame_region(triple, region) for triple in triples])
-    return regions, index, np.array(bases, dtype=np.int64)
+    return regions, index
 
 
 def _too_large(size: str) -> OptionError:

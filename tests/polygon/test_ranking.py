@@ -584,7 +584,7 @@ def test_a_given_base_that_is_not_fully_seen_scores_zero() -> None:
         {"epsilon": np.pi / 2.0},
         {"epsilon": np.nan},
         {"top_k": 0},
-        {"method": "exact"},
+        {"work_limit": 0},
         {"method": "fast"},
         {"ratio": "dice"},
         {"region": "arcs"},
@@ -631,14 +631,16 @@ def test_too_few_landmarks_and_unequal_scans_are_told_apart() -> None:
 def test_an_enumeration_that_would_not_end_is_refused_with_its_size() -> None:
     bearings = np.linspace(0.3, 2.8, 9)
     with pytest.raises(OptionError, match="131,681,894,400"):
-        rank(as_run([bearings] * 3), epsilon=EPSILON)
+        rank(as_run([bearings] * 3), epsilon=EPSILON, method="exhaustive")
 
 
 def test_an_empty_ranking_is_legal() -> None:
     crossing = as_run([np.array([2.5, 2.6, 2.7]), np.array([0.5, 0.6, 0.7]), np.ones(3)])
-    ranking = rank(crossing, epsilon=0.01)
-    assert len(ranking) == 0
-    assert ranking.n_scored == 36
+    for method, n_scored in (("exact", 0), ("exhaustive", 36)):
+        ranking = rank(crossing, epsilon=0.01, method=method)
+        assert len(ranking) == 0
+        assert ranking.complete
+        assert ranking.n_scored == n_scored
 
 
 def test_progress_reaches_its_total() -> None:
@@ -663,7 +665,7 @@ def test_hundreds_of_detections_are_refused_before_any_work():
 def test_a_count_too_long_to_read_is_not_spelled_out():
     run = StraightRun([BearingScan(np.linspace(-3.0, 3.0, 40))] * 3)
     with pytest.raises(OptionError, match=r"through 10\^18 hypotheses or more"):
-        rank(run, epsilon=0.05)
+        rank(run, epsilon=0.05, method="exhaustive")
 
 
 def test_labels_do_not_let_through_what_memory_cannot_hold(monkeypatch):
@@ -673,8 +675,11 @@ def test_labels_do_not_let_through_what_memory_cannot_hold(monkeypatch):
         BearingScan(np.arctan2(landmarks[:, 1], landmarks[:, 0] - x), labels=["a", "b", "c"])
         for x in (0.0, 1.0, 2.2)
     )
+    monkeypatch.setattr("mht_slam.polygon.base_regions.MAX_SLOTS", 0)
     with pytest.raises(OptionError, match="rank fewer detections"):
-        rank(run, epsilon=0.05)
+        rank(run, epsilon=0.05, method="exact")
+    with pytest.raises(OptionError, match="rank fewer detections"):
+        rank(run, epsilon=0.05, method="exhaustive")
 
 
 def test_a_max_range_that_geometry_cannot_take_is_refused():
