@@ -137,8 +137,9 @@ class Ranking(Sequence[RankedAssociation]):
 class Hypothesis:
     """An association with its scores and its estimate from the factor graph.
 
-    Arrays are None where `failure` is not None, and where only the evidence was asked for. Frame: the run's (of a `RunPair` the first one's),
-    O1 = (0, 0) and O2 one baseline along +x; the unit is the posterior's.
+    Arrays are None where `failure` is not None, and where only the evidence was asked for. Frame:
+    the run's (of a `RunPair` the first one's), O1 = (0, 0) and O2 one baseline along +x; the unit
+    is the posterior's.
 
     Attributes
     ----------
