@@ -106,11 +106,11 @@ def read_rows(path: Path) -> list[Row]:
     Raises `ValueError` for the rows of another study.
     """
     names = [field.name for field in fields(Row)]
-    if not path.exists():
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    whole = text[: text.rfind("\n") + 1]
+    if not whole:
         path.write_text(",".join(names) + "\n", encoding="utf-8")
         return []
-    text = path.read_text(encoding="utf-8")
-    whole = text[: text.rfind("\n") + 1]
     if whole != text:
         os.truncate(path, len(whole.encode()))
     header, *lines = csv.reader(whole.splitlines())
