@@ -23,9 +23,10 @@ from mht_slam.polygon.matching import (
     start_anew,
 )
 from mht_slam.polygon.picks import (
-    NONE,
+    FOUND,
     ROOM,
     SLACK,
+    SPENT,
     Choices,
     Picks,
     base_pair_bounds,
@@ -160,7 +161,8 @@ class _Search:
         place = 0
         while True:
             needed = found.needed(n_thirds)
-            state, place = next_picks(choices, order, bounds, place, needed, picks)
+            steps_left = self._work_limit - self.n_steps
+            state, place = next_picks(choices, order, bounds, place, needed, steps_left, picks)
             self._count_steps(picks, matching)
             if state == ROOM:
                 choices = choices._replace(
@@ -168,7 +170,9 @@ class _Search:
                     second=with_room(choices.second, choices.allowed_2),
                 )
                 continue
-            if state == NONE:
+            if state == SPENT:
+                self._give_up(bounds[[*waiting, *range(place, len(order))]], found, n_thirds)
+            if state != FOUND:
                 return choices, waiting
             bounds[place] = min(bounds[place], picks.bound[0])
             start_anew(matching)
@@ -191,18 +195,17 @@ class _Search:
             place += 1
             if self._progress is not None:
                 self._progress(self._total - len(order) + place - len(waiting), self._total)
-            if self.n_steps >= self._work_limit:
-                self._give_up(bounds[[*waiting, *range(place, len(order))]], n_thirds)
-                return choices, waiting
 
     def _count_steps(self, picks: Picks, matching: Matching) -> None:
         self.n_steps += int(picks.n_ratios[0] + matching.place[2])
         picks.n_ratios[0] = matching.place[2] = 0
 
-    def _give_up(self, bounds: FloatArray, n_thirds: int) -> None:
-        if len(bounds):
+    def _give_up(self, bounds: FloatArray, found: _Found, n_thirds: int) -> None:
+        """Note what base pairs that were not searched to their end could still hold."""
+        best = bounds.max(initial=-math.inf)
+        if best >= found.needed(n_thirds) - SLACK:
             self.complete = False
-            self.bound = math.exp(bounds.max() / n_thirds)
+            self.bound = math.exp(best / n_thirds)
 
 
 def _choices(

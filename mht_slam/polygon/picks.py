@@ -20,8 +20,8 @@ from mht_slam.polygon.relaxation import price_detections, reduced
 SLACK = 1e-9
 """How far a sum of log ratios may be off by rounding."""
 
-FOUND, NONE, ROOM = 0, 1, 2
-"""A base pair has picks; none is left; regions need room."""
+FOUND, NONE, ROOM, SPENT = 0, 1, 2, 3
+"""A base pair has picks; none is left; regions need room; no more ratios may be computed."""
 
 
 class Choices(NamedTuple):
@@ -134,13 +134,14 @@ def next_picks(
     bounds: FloatArray,
     place: int,
     needed: float,
+    max_ratios: int,
     picks: Picks,
 ) -> tuple[int, int]:
     """Find the next base pair that can have a sum of log ratios of at least `needed`.
 
     `order` holds flat numbers of base pairs, `bounds` their bounds, best first; the search begins
-    at `place`. Returns `FOUND`, `NONE` or `ROOM` and the place reached. Writes the picks that can
-    be part of such a sum; of others nothing is lost.
+    at `place`. Returns `FOUND`, `NONE`, `ROOM` or `SPENT` and the place reached. Writes the picks
+    that can be part of such a sum; of others nothing is lost.
     """
     n_second = len(choices.second.options)
     room_1 = len(choices.first.outline_count) - room_for(choices.first, choices.allowed_1)
@@ -148,6 +149,8 @@ def next_picks(
     while place < len(order) and bounds[place] >= needed - SLACK:
         if choices.first.n_outlines[0] > room_1 or choices.second.n_outlines[0] > room_2:
             return ROOM, place
+        if picks.n_ratios[0] >= max_ratios:
+            return SPENT, place
         b1, b2 = order[place] // n_second, order[place] % n_second
         if _find_picks(choices, b1, b2, needed, picks) and _price(choices, b1, b2, needed, picks):
             return FOUND, place
