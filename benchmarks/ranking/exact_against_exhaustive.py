@@ -3,7 +3,7 @@
     python benchmarks/ranking/exact_against_exhaustive.py [--quick] [--output DIR] [--workers N]
 
 Simulated runs of three scans, n landmarks all seen, noise uniform inside epsilon. Each scene is
-ranked exactly (first ten), exhaustively in the same process (n to 7, at epsilon 1 degree to 9), and
+ranked exactly (first ten), exhaustively in the same process (n to 7, at epsilon 1 degree to 8), and
 asked the other question, consistency, of a linear program. The exhaustive ranking reads tables and
 drops halves of hypotheses that can only score zero, so its time is not extrapolated: what it does
 in a second grows with n. The reference is one that goes through all feasible pairs of hypotheses,

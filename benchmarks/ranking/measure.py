@@ -30,7 +30,7 @@ TOP_K = 10
 LARGEST_LP = 4
 
 _LARGEST_EXHAUSTIVE = 7
-_LARGEST_EXHAUSTIVE_NARROW = 9
+_LARGEST_EXHAUSTIVE_NARROW = 8
 """At epsilon 1 degree few halves of hypotheses survive, so that more can be waited for."""
 _NARROW_DEG = 1.0
 
