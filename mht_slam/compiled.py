@@ -32,7 +32,10 @@ def _forget_stale_code(package: Path) -> None:
     The cache of a function notices changes of its own file, but not of the files of the functions
     it calls.
     """
-    newest = max(source.stat().st_mtime for source in package.rglob("*.py"))
+    newest = 0.0
+    for source in package.rglob("*.py"):
+        with contextlib.suppress(OSError):
+            newest = max(newest, source.stat().st_mtime)
     for index in package.rglob("*.nbi"):
         with contextlib.suppress(OSError):  # another process may be quicker
             if index.stat().st_mtime < newest:

@@ -100,13 +100,13 @@ class Ranking(Sequence[RankedAssociation]):
     base : detection indices, in the middle scan of a run (in s2 of a `RunPair`), of the base
         landmarks that were chosen for full tables or given by the caller.
     complete : whether nothing unlisted comes before the last one in this order.
-    gap : upper bound on the score of anything unlisted minus the last listed score; 0.0 if
-        complete.
+    gap : upper bound on the score of anything unlisted that would come before the last one, minus
+        the last listed score; 0.0 if complete.
     epsilon : the vision error, radians.
     options : the remaining options of the call, by name.
-    n_scored : how many associations were scored one by one.
-    n_steps : steps of an exact search: intersection ratios computed and partial hypotheses
-        extended.
+    n_scored : how many times an association was scored on its own.
+    n_steps : steps of an exact search: choices of base cells bounded, intersection ratios computed,
+        partial hypotheses extended and hypotheses scored.
     """
 
     hypotheses: tuple[RankedAssociation, ...]

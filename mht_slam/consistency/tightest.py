@@ -118,9 +118,11 @@ def tightest_association(
 
     explains_nothing, tried = 0.0, _FIRST_TRIED
     best: float | None = None
+    candidates: list[tuple[float, Association]] = []
     while best is None or best - explains_nothing > RESOLUTION:
         found, complete = search(tried, 1)
         if found:
+            candidates += found
             best = min(tried, found[0][0])
         else:
             proven = proven and complete
@@ -131,10 +133,12 @@ def tightest_association(
             return TightestAssociation(None, math.inf, proven)
         else:
             tried = min(_GROWTH * tried, _LARGEST)
-    tied, _ = search(max(best, RESOLUTION), MAX_TIED)
-    least = min(epsilon for epsilon, _ in tied)
+    tied, complete = search(max(best, RESOLUTION), MAX_TIED)
+    candidates += tied
+    proven = proven and (complete or len(tied) == MAX_TIED)
+    least = min(epsilon for epsilon, _ in candidates)
     epsilon, association = min(
-        (pair for pair in tied if pair[0] <= least + RESOLUTION),
+        (pair for pair in candidates if pair[0] <= least + RESOLUTION),
         key=lambda pair: pair[1].sort_key(),
     )
     return TightestAssociation(association, epsilon, proven)

@@ -31,6 +31,9 @@ from mht_slam.polygon.tables import PairOfScans, base_options
 MAX_SLOTS = 1_000_000
 """The most combinations of base cells, third landmark and its option that exist in one pair."""
 
+MAX_COMBINATIONS = 200_000_000
+"""The most combinations of base cells, third landmark and its option, whether they exist or not."""
+
 _AXES = FIRST_DIRECTIONS // 2
 
 
@@ -76,14 +79,13 @@ def base_regions(
     """
     options = base_options(pair, base)
     n_cells = len(pair.filled)
+    if len(options) * len(thirds) * len(pair.clash) > MAX_COMBINATIONS:
+        raise _too_many(MAX_COMBINATIONS, "combinations of cells")
     third_cell = pair.cell_of[list(thirds)]
     free = ~(pair.clash[options[:, 0]] | pair.clash[options[:, 1]])
     exists = free[:, None, :] & pair.filled[third_cell]
     if np.count_nonzero(exists) > MAX_SLOTS:
-        raise OptionError(
-            f"ranking would take more than {MAX_SLOTS:,} regions: rank fewer detections, or take "
-            "a smaller epsilon"
-        )
+        raise _too_many(MAX_SLOTS, "regions")
     slot = np.full(exists.shape, -1, dtype=np.int64)
     b, t, o = np.nonzero(exists)
     key, slot[b, t, o] = np.unique(b * n_cells + third_cell[t, o], return_inverse=True)
@@ -113,6 +115,13 @@ def base_regions(
         return _with_vertices(regions)
     _find_first_lines(regions)
     return regions
+
+
+def _too_many(limit: int, what: str) -> OptionError:
+    return OptionError(
+        f"ranking would take more than {limit:,} {what}: rank fewer detections, or take a smaller "
+        "epsilon"
+    )
 
 
 def with_room(regions: BaseRegions, allowed: BoolArray) -> BaseRegions:

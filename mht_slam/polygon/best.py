@@ -24,7 +24,8 @@ class Listing:
     n_scored : how many hypotheses were scored one by one.
     complete : whether nothing unlisted comes before the last one.
     bound : what no unlisted score exceeds, where the search was cut short.
-    n_steps : intersection ratios computed and partial hypotheses extended.
+    n_steps : choices of base cells bounded, intersection ratios computed, partial hypotheses
+        extended and hypotheses scored.
     """
 
     listed: list[tuple[float, IntArray]]
@@ -45,8 +46,9 @@ class Best:
 
     @property
     def threshold(self) -> float:
-        """The least score that can still enter; -inf while there is room."""
-        self._merge()
+        """A score below which nothing can enter; -inf while there is room."""
+        if self._room is not None and self._waiting > self._room // 8:
+            self._merge()
         return self._threshold
 
     @property

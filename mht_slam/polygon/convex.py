@@ -107,6 +107,8 @@ def clip(
 
     Corners count as on the left up to an area of `rounding` beside `along`.
     """
+    if len(polygon) == 0:
+        return 0
     kept = 0
     previous = polygon[-1]
     height = cross(along, previous - start)

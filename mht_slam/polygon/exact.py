@@ -71,7 +71,8 @@ def exact_search(problem: Problem, work_limit: int, progress: Progress | None = 
             continue
         best = Best(room)
         whole.search_level(n_full, rest, best)
-        if problem.include_zero and whole.complete and len(best.scores) != room:
+        zeros_fit = len(best.scores) != room or best.threshold <= 0.0
+        if problem.include_zero and whole.complete and zeros_fit:
             return replace(exhaustive_search(problem, progress), n_steps=whole.n_steps)
         listed += [
             (float(score), problem.decode(keys))
@@ -127,10 +128,10 @@ class _Search:
                 f"ranking would take {n_pairs:,} choices of base cells, and stops at "
                 f"{MAX_BASE_PAIRS:,}: rank fewer detections, or take a smaller epsilon"
             )
-        bounds = base_pair_bounds(choices).ravel()
+        bounds = self._bounds(choices)
         order = np.flatnonzero(bounds > -np.inf)
         bounds = bounds[order]
-        self._total += len(order)
+        self._total = self._decided + len(order)
         found = _Found(self._problem, seen, base, rest, best)
         patience = _FIRST_PATIENCE
         while len(order) and self.complete:
@@ -139,7 +140,23 @@ class _Search:
             choices, waiting = self._search_base_pairs(choices, order, bounds, patience, found)
             order, bounds = order[waiting], bounds[waiting]
             patience *= _MORE_PATIENCE
+        self._decided = self._total
+        if self._progress is not None and self.complete:
+            self._progress(self._decided, self._total)
         return [choices.first, choices.second]
+
+    def _bounds(self, choices: Choices) -> FloatArray:
+        """Bounds of all base pairs, flat; 0.0, a score of one, where the work limit came first."""
+        n_first, n_second = len(choices.first.options), len(choices.second.options)
+        bounds = np.zeros((n_first, n_second))
+        for b1 in range(n_first):
+            if self.n_steps >= self._work_limit:
+                break
+            bounds[b1] = base_pair_bounds(choices, b1)
+            self.n_steps += n_second
+            if self._progress is not None:
+                self._progress(self._decided, self._decided + n_first * n_second)
+        return bounds.ravel()
 
     def _search_base_pairs(
         self,
@@ -188,7 +205,9 @@ class _Search:
                     found.needed(n_thirds) - prices - SLACK,
                     min(patience, self._work_limit - self.n_steps),
                 )
-                self.n_scored += found.take(choices, order[place], picks, matching)
+                n_listed = found.take(choices, order[place], picks, matching)
+                self.n_scored += n_listed
+                self.n_steps += n_listed
             self._count_steps(picks, matching)
             if done == PAUSE:
                 waiting.append(place)
@@ -304,7 +323,8 @@ class _Found:
             options[:, self._third_places] = picks.options[chosen, which]
             columns.append(np.moveaxis(pair.detections[options], 2, 1))
         full = full_tables(self._problem, self._seen, *columns)
-        return self._list(score, full)
+        positive = score > 0.0  # a product of many small ratios may not be
+        return self._list(score[positive], full[positive])
 
     def _list(self, score: FloatArray, full: IntArray) -> int:
         """Complete hypotheses with what is not fully seen; those without a completion drop out."""

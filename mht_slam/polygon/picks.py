@@ -104,26 +104,29 @@ def no_picks(choices: Choices) -> Picks:
 
 
 @compiled
-def base_pair_bounds(choices: Choices) -> FloatArray:
-    """(B1, B2) what the sum of log ratios does not exceed, -inf where one ratio is zero."""
+def base_pair_bounds(choices: Choices, b1: int) -> FloatArray:
+    """(B2,) what the sum of log ratios does not exceed, for one choice of base cells in pair 1.
+
+    -inf where one ratio is zero, or labels forbid the base.
+    """
     first, second = choices.first, choices.second
-    bounds = np.full((len(first.options), len(second.options)), -np.inf)
-    for b1 in range(bounds.shape[0]):
-        for b2 in range(bounds.shape[1]):
-            one, other = first.options[b1], second.options[b2]
-            if not (
-                choices.base_allowed_1[b1]
-                and choices.base_allowed_2[b2]
-                and choices.linked[one[0], other[0]]
-                and choices.linked[one[1], other[1]]
-            ):
-                continue
-            total = 0.0
-            for t in range(len(choices.thirds)):
-                total += _log_of_best_bound(choices, b1, b2, t)
-                if total == -np.inf:
-                    break
-            bounds[b1, b2] = total
+    bounds = np.full(len(second.options), -np.inf)
+    one = first.options[b1]
+    for b2 in range(len(bounds)):
+        other = second.options[b2]
+        if not (
+            choices.base_allowed_1[b1]
+            and choices.base_allowed_2[b2]
+            and choices.linked[one[0], other[0]]
+            and choices.linked[one[1], other[1]]
+        ):
+            continue
+        total = 0.0
+        for t in range(len(choices.thirds)):
+            total += _log_of_best_bound(choices, b1, b2, t)
+            if total == -np.inf:
+                break
+        bounds[b2] = total
     return bounds
 
 

@@ -14,7 +14,6 @@ from mht_slam.hypotheses import RankedAssociation, Ranking
 from mht_slam.measurements import BearingScan, RunPair, StraightRun, scan_selection
 from mht_slam.polygon.base import choose_base, given_base
 from mht_slam.polygon.best import Listing
-from mht_slam.polygon.enumeration import completions
 from mht_slam.polygon.exact import exact_search
 from mht_slam.polygon.exhaustive import exhaustive_search
 from mht_slam.polygon.landmark_frame import REGIONS, base_cells_meet
@@ -83,9 +82,10 @@ def rank(
     max_false : the most detections that belong to no landmark.
     include_zero : list associations of score zero too, with the reason.
     refine_pair : first and last of `scans`: that pair's regions refine the map, not the score.
-    work_limit : the most steps of the exact search: intersection ratios computed and partial
-        hypotheses extended, some hundred thousand a second. Where they do not suffice, the
-        ranking is not `complete`; its `gap` says how much better an unlisted hypothesis can be.
+    work_limit : the most steps of the exact search: choices of base cells bounded, intersection
+        ratios computed, partial hypotheses extended; some hundred thousand a second. Where they do
+        not suffice, the ranking is not `complete`; its `gap` says how much better an unlisted
+        hypothesis can be.
     progress : called with the work done and its total so far, now and then: hypotheses, or for
         "exact" choices of base cells.
 
@@ -230,8 +230,7 @@ def _checked(
             f"the scans have {counts} detections: at most {MAX_DETECTIONS} a scan can be ranked, "
             "rank fewer"
         )
-    left_over = tuple(count - min(counts) for count in counts)
-    if len(set(counts)) > 1 and not completions(left_over, max_missed, max_false):
+    if not _completable(counts, max_missed, max_false):
         raise UnequalScansError(
             f"the scans have {counts} detections: every landmark must be seen in every scan "
             f"unless max_missed (now {max_missed}) and max_false (now {max_false}) allow otherwise"
@@ -244,6 +243,17 @@ def _checked(
     if base is not None:
         return given_base(base, counts[middle])
     return choose_base(members[middle].bearings, range(counts[middle]))
+
+
+def _completable(counts: list[int], max_missed: int, max_false: int) -> bool:
+    """Whether so few misses and false alarms can explain that the scans differ in length."""
+    remaining = list(counts)
+    for _ in range(min(max_false, sum(counts)) + 1):
+        longest = max(remaining)
+        if len(remaining) * longest - sum(remaining) <= max_missed:
+            return True
+        remaining[remaining.index(longest)] -= 1
+    return False
 
 
 def _ranked(

@@ -2,9 +2,10 @@
 
 A *piece* is a straight stretch of a base cell's boundary, or a lone corner. A *box* is what a
 piece for p1 and a piece for p2 span; z = (p3 - p1) / (p2 - p1) with p3 at any corner of the third
-cell. For fixed p2 and p3, and p1 on a piece of length L, z lies within
-L^2 / 4 |p3 - p2| / |p2 - p1|^3 of the chord, because that is an eighth of L^2 times its second
-derivative; likewise for p2. So a box's corners bound the whole box.
+cell. For fixed p1, 1 / (p2 - p1) runs over an arc of a circle as p2 runs along its piece, so the
+best p2 is known in closed form, and likewise p1 for a fixed p2. Only one piece is divided, the
+shorter one. On a length L of it z lies within L^2 / 4 |p3 - p2| / |p2 - p1|^3 of the chord, which
+is an eighth of L^2 times its second derivative.
 """
 
 from __future__ import annotations
@@ -14,18 +15,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mht_slam.arrays import FloatArray, IntArray
+from mht_slam.arrays import BoolArray, FloatArray, IntArray
 from mht_slam.compiled import compiled
 from mht_slam.polygon.cones import ComplexArray
 
 SUPPORT_TOLERANCE = 5e-4
 """How much too far a support line may stand, as a share of the region's width there."""
 
-MAX_BOXES = 256
+MAX_BOXES = 512
 """Boxes that may be open at once before a search is given up."""
 
 _MAX_ROUNDS = 60
 _TIE = 1e-11
+_IN_LINE = 1e-12
 
 
 class Boxes(NamedTuple):
@@ -33,21 +35,24 @@ class Boxes(NamedTuple):
 
     Attributes
     ----------
-    first, second, third : corners of the cells.
+    third : corners of the third cell.
     images : (n1, n2, n3) z at all combinations of corners.
     pieces : (N, 4) corners at both ends of p1's piece and at both ends of p2's, for each box.
-    bulges : (N, 4) longest p3 - p2, longest p3 - p1, and the bulges along either piece.
-    open_ends, open_bulges : room for the open boxes of two rounds.
+    ends : (N, 4) ends of the piece to divide, then of the other one, along which p moves freely.
+    exchanged : (N,) whether the piece to divide is p2's.
+    bulges : (N, 2) how far z strays from its chord along the piece to divide, and along the other.
+    open_ends, open_bounds, open_exchanged : room for the open boxes of two rounds.
     """
 
-    first: ComplexArray
-    second: ComplexArray
     third: ComplexArray
     images: ComplexArray
     pieces: IntArray
+    ends: ComplexArray
+    exchanged: BoolArray
     bulges: FloatArray
     open_ends: ComplexArray
-    open_bulges: FloatArray
+    open_bounds: FloatArray
+    open_exchanged: BoolArray
 
 
 class Touch(NamedTuple):
@@ -108,24 +113,29 @@ def all_boxes(first: ComplexArray, second: ComplexArray, third: ComplexArray) ->
                 images[i, j, k] = (third[k] - first[i]) * inverse
     pieces_1, pieces_2 = boundary_pieces(first, second), boundary_pieces(second, first)
     n = len(pieces_1) * len(pieces_2)
-    pieces, bulges = np.empty((n, 4), dtype=np.int64), np.empty((n, 4))
+    pieces, ends = np.empty((n, 4), dtype=np.int64), np.empty((n, 4), dtype=np.complex128)
+    exchanged, bulges = np.empty(n, dtype=np.bool_), np.empty((n, 2))
     for i in range(len(pieces_1)):
         for j in range(len(pieces_2)):
             a, b = pieces_1[i, 0], pieces_1[i, 1]
             c, d = pieces_2[j, 0], pieces_2[j, 1]
-            arm_1, arm_2 = 0.0, 0.0
-            for p3 in third:
-                arm_1 = max(arm_1, _square(p3 - second[c]), _square(p3 - second[d]))
-                arm_2 = max(arm_2, _square(p3 - first[a]), _square(p3 - first[b]))
-            arm_1, arm_2 = np.sqrt(arm_1), np.sqrt(arm_2)
-            bulge_1, bulge_2 = _bulges(first[a], first[b], second[c], second[d], arm_1, arm_2)
             box = i * len(pieces_2) + j
             pieces[box, 0], pieces[box, 1], pieces[box, 2], pieces[box, 3] = a, b, c, d
-            bulges[box, 0], bulges[box, 1] = arm_1, arm_2
-            bulges[box, 2], bulges[box, 3] = bulge_1, bulge_2
+            other = _square(first[b] - first[a]) > _square(second[d] - second[c])
+            exchanged[box] = other
+            if other:
+                _store(ends[box], second[c], second[d], first[a], first[b])
+            else:
+                _store(ends[box], first[a], first[b], second[c], second[d])
+            own = ends[box]
+            bulges[box, 0] = _bulge(own[0], own[1], own[2], own[3], third)
+            bulges[box, 1] = _bulge(own[2], own[3], own[0], own[1], third)
     open_ends = np.empty((2, MAX_BOXES, 4), dtype=np.complex128)
-    open_bulges = np.empty((2, MAX_BOXES, 5))
-    return Boxes(first, second, third, images, pieces, bulges, open_ends, open_bulges)
+    open_bounds = np.empty((2, MAX_BOXES))
+    open_exchanged = np.empty((2, MAX_BOXES), dtype=np.bool_)
+    return Boxes(
+        third, images, pieces, ends, exchanged, bulges, open_ends, open_bounds, open_exchanged
+    )
 
 
 @compiled
@@ -155,7 +165,7 @@ def support(direction: complex, boxes: Boxes, begin: complex, end: complex) -> T
             if farthest[i, j] >= best - tie:
                 for k in range(n3):
                     touch = _farther(touch, boxes.images[i, j, k], turned, tie)
-    count = _open_boxes(turned, boxes, farthest, touch.height + tolerance)
+    count = _open_boxes(boxes, farthest, touch.height + tolerance)
     for number in range(_MAX_ROUNDS):
         if count == 0:
             return Touch(touch.begin, touch.end, touch.height + tolerance, True)
@@ -166,31 +176,21 @@ def support(direction: complex, boxes: Boxes, begin: complex, end: complex) -> T
 
 
 @compiled
-def _open_boxes(turned: complex, boxes: Boxes, farthest: FloatArray, needed: float) -> int:
+def _open_boxes(boxes: Boxes, farthest: FloatArray, needed: float) -> int:
     """List the boxes that may reach beyond `needed` for the first round; return how many."""
     count = 0
     for i in range(len(boxes.pieces)):
         a, b = boxes.pieces[i, 0], boxes.pieces[i, 1]
         c, d = boxes.pieces[i, 2], boxes.pieces[i, 3]
-        bulge_1, bulge_2 = boxes.bulges[i, 2], boxes.bulges[i, 3]
         top = max(farthest[a, c], farthest[a, d], farthest[b, c], farthest[b, d])
-        if top + bulge_1 + bulge_2 <= needed:
-            continue
-        p1_a, p1_b, p2_a, p2_b = (
-            boxes.first[a],
-            boxes.first[b],
-            boxes.second[c],
-            boxes.second[d],
-        )
-        bound, _ = _bound(turned, p1_a, p1_b, p2_a, p2_b, boxes.third, bulge_1, bulge_2)
+        bound = top + boxes.bulges[i, 0] + boxes.bulges[i, 1]
         if bound > needed:
             if count == MAX_BOXES:
                 return -1
-            _store(boxes.open_ends[0, count], p1_a, p1_b, p2_a, p2_b)
-            own = boxes.open_bulges[0, count]
-            for k in range(4):
-                own[k] = boxes.bulges[i, k]
-            own[4] = bound
+            own = boxes.ends[i]
+            _store(boxes.open_ends[0, count], own[0], own[1], own[2], own[3])
+            boxes.open_exchanged[0, count] = boxes.exchanged[i]
+            boxes.open_bounds[0, count] = bound
             count += 1
     return count
 
@@ -205,48 +205,39 @@ def _divide(
     tolerance: float,
     tie: float,
 ) -> tuple[Touch, int]:
-    """Divide all open boxes of a round; return the touch so far and how many remain, -1 if many."""
+    """Look into all open boxes of a round, and divide those that may still reach farther.
+
+    Returns the touch so far and how many remain open, -1 if too many.
+    """
     needed = touch.height + tolerance
-    third = boxes.third
     later = 1 - now
     kept = 0
     for i in range(count):
-        own = boxes.open_bulges[now, i]
-        if own[4] <= needed:
+        if boxes.open_bounds[now, i] <= needed:
             continue
-        ends = boxes.open_ends[now, i]
-        p1_a, p1_b, p2_a, p2_b = ends[0], ends[1], ends[2], ends[3]
-        arm_1, arm_2, bulge_1, bulge_2 = own[0], own[1], own[2], own[3]
-        across_1 = bulge_1 > bulge_2
-        if bulge_1 == bulge_2:
-            across_1 = _square(p1_b - p1_a) >= _square(p2_b - p2_a)
-        cut = _cut(p1_a, p1_b, p2_a, p2_b) if across_1 else _cut(p2_a, p2_b, p1_a, p1_b)
+        ends, exchanged = boxes.open_ends[now, i], boxes.open_exchanged[now, i]
+        a, b, c, d = ends[0], ends[1], ends[2], ends[3]
+        reach_a, z_a = _reach_from(turned, a, c, d, boxes.third, exchanged)
+        reach_b, z_b = _reach_from(turned, b, c, d, boxes.third, exchanged)
+        touch = _farther(_farther(touch, z_a, turned, tie), z_b, turned, tie)
+        bound = _top(reach_a, reach_b, _bulge(a, b, c, d, boxes.third))
+        if bound <= needed or a == b:
+            continue
+        if kept + 2 > MAX_BOXES:
+            return touch, -1
+        cut = _cut(a, b, c, d)
+        _store(boxes.open_ends[later, kept], a, cut, c, d)
+        _store(boxes.open_ends[later, kept + 1], cut, b, c, d)
         for half in range(2):
-            a, b, c, d = p1_a, p1_b, p2_a, p2_b
-            if across_1:
-                a, b = (cut, b) if half else (a, cut)
-            else:
-                c, d = (cut, d) if half else (c, cut)
-            half_1, half_2 = _bulges(a, b, c, d, arm_1, arm_2)
-            bound, reach = _bound(turned, a, b, c, d, third, half_1, half_2)
-            if reach >= touch.height - tie:
-                touch = _touch_at(touch, a, c, third, turned, tie)
-                touch = _touch_at(touch, a, d, third, turned, tie)
-                touch = _touch_at(touch, b, c, third, turned, tie)
-                touch = _touch_at(touch, b, d, third, turned, tie)
-            if bound > needed:
-                if kept == MAX_BOXES:
-                    return touch, -1
-                _store(boxes.open_ends[later, kept], a, b, c, d)
-                part = boxes.open_bulges[later, kept]
-                part[0], part[1], part[2], part[3], part[4] = arm_1, arm_2, half_1, half_2, bound
-                kept += 1
+            boxes.open_exchanged[later, kept + half] = exchanged
+            boxes.open_bounds[later, kept + half] = bound
+        kept += 2
     return touch, kept
 
 
 @compiled
-def _store(ends: ComplexArray, p1_a: complex, p1_b: complex, p2_a: complex, p2_b: complex) -> None:
-    ends[0], ends[1], ends[2], ends[3] = p1_a, p1_b, p2_a, p2_b
+def _store(ends: ComplexArray, a: complex, b: complex, c: complex, d: complex) -> None:
+    ends[0], ends[1], ends[2], ends[3] = a, b, c, d
 
 
 @compiled
@@ -255,81 +246,97 @@ def _cut(start: complex, end: complex, other_start: complex, other_end: complex)
 
     A bisector of the angle would do so: far parts of a piece matter less than near ones.
     """
-    other = 0.5 * (other_start + other_end)
-    near, far = math.sqrt(_square(start - other)), math.sqrt(_square(end - other))
+    near = _distance_from(start, other_start, other_end)
+    far = _distance_from(end, other_start, other_end)
     share = min(max(near / (near + far), 0.1), 0.9)
     return start + share * (end - start)
 
 
 @compiled
-def _bulges(
-    p1_a: complex, p1_b: complex, p2_a: complex, p2_b: complex, arm_1: float, arm_2: float
-) -> tuple[float, float]:
-    """How far z strays from its chord as p1 runs along its piece, and as p2 does.
+def _bulge(a: complex, b: complex, c: complex, d: complex, third: ComplexArray) -> float:
+    """How far z strays from its chord as p runs from a to b, wherever q is between c and d.
 
-    `arm_1` and `arm_2` bound the lengths of p3 - p2 and p3 - p1. All p2 - p1 of a box lie in a
-    parallelogram; its corners' components along its middle bound the distance from below.
+    With D the least |q - p| there, |p3 - q| / |q - p|^3 is at most the largest |p3 - q| / D^3, and
+    also at most |p3 - p| / D^3 + 1 / D^2, whichever is less.
     """
-    axis = (p2_a + p2_b - p1_a - p1_b).conjugate()
+    length = _square(b - a)
+    if length == 0.0:
+        return 0.0
     nearest = min(
-        min(((p2_a - p1_a) * axis).real, ((p2_b - p1_a) * axis).real),
-        min(((p2_a - p1_b) * axis).real, ((p2_b - p1_b) * axis).real),
+        min(_distance_from(a, c, d), _distance_from(b, c, d)),
+        min(_distance_from(c, a, b), _distance_from(d, a, b)),
     )
-    piece_1, piece_2 = _square(p1_b - p1_a), _square(p2_b - p2_a)
     if nearest <= 0.0:
-        return (np.inf if piece_1 > 0.0 else 0.0), (np.inf if piece_2 > 0.0 else 0.0)
-    nearest /= np.sqrt(_square(axis))
-    scale = 0.25 / nearest**3
-    return scale * piece_1 * arm_1, scale * piece_2 * arm_2
+        return np.inf
+    to_q, to_p = 0.0, 0.0
+    for p3 in third:
+        to_q = max(to_q, _square(p3 - c), _square(p3 - d))
+        to_p = max(to_p, _square(p3 - a), _square(p3 - b))
+    arm = min(math.sqrt(to_q), math.sqrt(to_p) + nearest)
+    return 0.25 * length * arm / nearest**3
 
 
 @compiled
-def _bound(
-    turned: complex,
-    p1_a: complex,
-    p1_b: complex,
-    p2_a: complex,
-    p2_b: complex,
-    third: ComplexArray,
-    bulge_1: float,
-    bulge_2: float,
-) -> tuple[float, float]:
-    """What no point of a box exceeds, and how far its corners reach.
+def _distance_from(point: complex, start: complex, end: complex) -> float:
+    """Distance of a point from a stretch between two others."""
+    along, away = end - start, point - start
+    length = _square(along)
+    share = (away * along.conjugate()).real / length if length > 0.0 else 0.0
+    return math.sqrt(_square(away - min(max(share, 0.0), 1.0) * along))
 
-    Along one piece at either end of the other, then along the other; whichever order bounds more.
+
+@compiled
+def _reach_from(
+    turned: complex, p: complex, c: complex, d: complex, third: ComplexArray, exchanged: bool
+) -> tuple[float, complex]:
+    """How far z reaches with p fixed and q anywhere between c and d, and the z there.
+
+    On q's whole line 1 / (q - p) runs over a circle through 0 with the diameter 1 / foot, the foot
+    of the perpendicular seen from p; its point farthest along a direction is known. Between the
+    ends only that point or an end can be farthest. With p1 and p2 exchanged z is 1 - z.
     """
-    turned_aa, turned_ab = turned * _inverse(p2_a - p1_a), turned * _inverse(p2_b - p1_a)
-    turned_ba, turned_bb = turned * _inverse(p2_a - p1_b), turned * _inverse(p2_b - p1_b)
-    at_p1_a, at_p1_b, at_p2_a, at_p2_b = -np.inf, -np.inf, -np.inf, -np.inf
-    reach = -np.inf
+    start, end, along = c - p, d - p, d - c
+    inverse_start, inverse_end = _inverse(start), _inverse(end)
+    # The foot's vector is at a right angle to the line: 1j * along times its signed length.
+    square = _square(along)
+    height = (along.conjugate() * start).imag
+    bends = abs(height) > _IN_LINE * (square + _square(start))
+    centre, radius = 0j, 0.0
+    if bends:
+        centre = 0.5 * _inverse(1j * along * (height / square))
+        radius = math.sqrt(_square(centre))
+    best, farthest = -np.inf, 0j
     for p3 in third:
-        aa, ab = _reach(turned_aa, p3 - p1_a), _reach(turned_ab, p3 - p1_a)
-        ba, bb = _reach(turned_ba, p3 - p1_b), _reach(turned_bb, p3 - p1_b)
-        reach = max(reach, aa, ab, ba, bb)
-        at_p1_a, at_p1_b = max(at_p1_a, _top(aa, ab, bulge_2)), max(at_p1_b, _top(ba, bb, bulge_2))
-        at_p2_a, at_p2_b = max(at_p2_a, _top(aa, ba, bulge_1)), max(at_p2_b, _top(ab, bb, bulge_1))
-    if bulge_1 == np.inf or bulge_2 == np.inf:
-        return np.inf, reach
-    return min(_top(at_p1_a, at_p1_b, bulge_1), _top(at_p2_a, at_p2_b, bulge_2)), reach
+        arm = p - p3 if exchanged else p3 - p
+        pull = turned * arm
+        image = inverse_start
+        if _reach(pull, inverse_end) > _reach(pull, image):
+            image = inverse_end
+        if bends:
+            strength = math.sqrt(_square(pull))
+            if strength > 0.0:
+                top = centre + radius * pull.conjugate() / strength
+                if _square(top) > 0.0:
+                    place = (along.conjugate() * (_inverse(top) - start)).real
+                    if 0.0 < place < square:
+                        image = top
+        reach = _reach(pull, image)
+        if reach > best:
+            best, farthest = reach, arm * image
+    if exchanged:
+        return turned.real + best, 1.0 + farthest
+    return best, farthest
 
 
 @compiled
 def _top(start: float, end: float, bulge: float) -> float:
     """Top of the line between two heights plus a parabola that is `bulge` high in its middle."""
+    if bulge == np.inf:
+        return np.inf
     apart = abs(start - end)
     if apart >= 4.0 * bulge:  # so steep that an end is highest
         return max(start, end)
     return 0.5 * (start + end) + bulge + apart**2 / (16.0 * bulge)
-
-
-@compiled
-def _touch_at(
-    touch: Touch, p1: complex, p2: complex, third: ComplexArray, turned: complex, tie: float
-) -> Touch:
-    inverse = _inverse(p2 - p1)
-    for p3 in third:
-        touch = _farther(touch, (p3 - p1) * inverse, turned, tie)
-    return touch
 
 
 @compiled

@@ -135,8 +135,8 @@ def test_a_list_cut_short_bounds_what_it_missed(seed: int, work_limit: int) -> N
     run = simulate_scene("one_sided", 5, np.random.default_rng(seed), epsilon=epsilon).run
     whole = rank(run, epsilon=epsilon, method="exhaustive", top_k=10)
     cut = rank(run, epsilon=epsilon, top_k=10, work_limit=work_limit)
-    # One base pair's ratios are computed to the end, at most 3 landmarks x 3 x 3 options.
-    assert cut.n_steps <= work_limit + 27
+    # What was begun is ended: 20 base pairs bounded, or 3 landmarks x 3 x 3 ratios and a list.
+    assert cut.n_steps <= work_limit + 60
     if cut.complete:
         assert_same(cut, whole)
         return
@@ -166,5 +166,39 @@ def test_progress_ends_with_everything_decided() -> None:
     scene = simulate_scene("annulus", 5, np.random.default_rng(1), epsilon=np.deg2rad(3))
     heard: list[tuple[int, int]] = []
     rank(scene.run, epsilon=np.deg2rad(3), progress=lambda done, total: heard.append((done, total)))
-    assert heard
+    assert heard[-1][0] == heard[-1][1] > 0
     assert all(0 <= done <= total for done, total in heard)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "noise"])
+def test_the_scenes_that_are_compared_are_not_all_empty(kind: str) -> None:
+    epsilon = np.deg2rad(6)
+    n_listed = [
+        len(rank(StraightRun(map(BearingScan, bearings)), epsilon=epsilon))
+        for bearings in (
+            bearings_of(kind, 4, epsilon, np.random.default_rng(seed)) for seed in range(12)
+        )
+    ]
+    assert max(n_listed) > 0
+
+
+def test_scores_that_round_to_zero_are_among_the_zeros() -> None:
+    rng = np.random.default_rng(35)
+    bearings = [rng.uniform(0.0, 1.2, 3) for _ in range(3)]
+    epsilon = np.deg2rad(rng.uniform(0.2, 20.0))
+    run = StraightRun(BearingScan(b) for b in bearings)
+    max_range = float(10.0 ** rng.uniform(1.0, 6.0))
+    for top_k in (1, 5, 9, 20, None):
+        compare(run, epsilon, top_k=top_k, include_zero=True, max_range=max_range)
+
+
+def test_work_is_limited_with_misses_and_false_alarms_too() -> None:
+    rng = np.random.default_rng(3)
+    epsilon = np.deg2rad(3)
+    bearings = bearings_of("annulus", 6, epsilon, rng)
+    bearings[2] = bearings[2][:-1]
+    run = StraightRun(BearingScan(b) for b in bearings)
+    for work_limit in (1, 100, 1000):
+        cut = rank(run, epsilon=epsilon, max_missed=2, max_false=2, work_limit=work_limit)
+        assert cut.complete or cut.gap >= 0.0
+    assert not rank(run, epsilon=epsilon, max_missed=2, max_false=2, work_limit=1).complete
