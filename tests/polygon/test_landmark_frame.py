@@ -59,6 +59,34 @@ def test_edges_region_is_an_outer_bound_within_half_a_per_cent(
     assert region.area <= 1.005 * (dense.area + left)
 
 
+def crowded_at_the_ends(cell: Complex, per_end: int) -> Complex:
+    """Points along the boundary, in geometric steps from both ends of every edge."""
+    steps = 0.5 * np.geomspace(1e-4, 1.0, per_end)
+    places = np.concatenate([[0.0], steps, 1.0 - steps])[:, None]
+    return np.concatenate((cell + places * (np.roll(cell, -1) - cell)).T)
+
+
+def test_edges_region_of_long_cells_is_no_disc() -> None:
+    """Bearings that are nearly parallel: cells that reach to the cut at 100 baselines."""
+    n_long = 0
+    for seed in range(16):
+        rng = np.random.default_rng(seed)
+        bearings = rng.uniform(0.3, 2.8, 3)
+        found = cells(bearings, bearings + rng.uniform(0.0, 0.1, 3), epsilon=0.05, max_range=100.0)
+        polygons = found.polygons.diagonal()
+        if not found.filled.diagonal().all() or shapely.distance(*polygons[:2]) < 3.0:
+            continue
+        n_long += 1
+        triple = Triple(*(corners(p) for p in polygons))
+        p1, p2 = (crowded_at_the_ends(c, 40) for c in triple[:2])
+        z = ((triple.third[:, None, None] - p1[:, None]) / (p2 - p1[:, None])).ravel()
+        dense = shapely.convex_hull(shapely.MultiPoint(np.column_stack([z.real, z.imag])))
+        region = landmark_frame_regions([triple])[0]
+        assert region.buffer(1e-9 * np.sqrt(region.area)).covers(dense)
+        assert region.area <= 1.02 * dense.area  # the sampled hull is about a per cent too small
+    assert n_long >= 5
+
+
 @given(st.integers(0, 2**32 - 1), st.floats(0.002, 0.2))
 @settings(max_examples=60, deadline=None)
 def test_edges_region_holds_the_truth_and_the_vertices_region(seed: int, epsilon: float) -> None:
