@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mht_slam.arrays import BoolArray, IntArray, freeze
-from mht_slam.errors import AssociationError
+from mht_slam.errors import AssociationError, UnequalScansError
 from mht_slam.measurements import BearingScan
 
 MISSED = -1
@@ -228,6 +228,22 @@ def allowed_pairs(first: BearingScan, second: BearingScan) -> BoolArray:
             elsewhere = (a is not None and a in theirs) or (b is not None and b in mine)
             allowed[i, j] = not (both_known or elsewhere)
     return allowed
+
+
+def refuse_unequal(n_detections: Sequence[int], max_missed: int, max_false: int) -> None:
+    """Raise `UnequalScansError` where no table has as few misses and false alarms as allowed.
+
+    With n landmarks a scan of d detections misses n - d of them, or has d - n false alarms.
+    """
+    for n_landmarks in range(max(n_detections, default=0) + 1):
+        missed = sum(max(n_landmarks - count, 0) for count in n_detections)
+        false = sum(max(count - n_landmarks, 0) for count in n_detections)
+        if missed <= max_missed and false <= max_false:
+            return
+    raise UnequalScansError(
+        f"the scans have {list(n_detections)} detections: every landmark must be seen in every "
+        f"scan unless max_missed (now {max_missed}) and max_false (now {max_false}) allow otherwise"
+    )
 
 
 def respects_labels(association: Association, scans: Sequence[BearingScan]) -> bool:

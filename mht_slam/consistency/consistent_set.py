@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mht_slam.arrays import FloatArray, finite_number, freeze, whole_number
-from mht_slam.association import Association
+from mht_slam.association import Association, refuse_unequal
 from mht_slam.consistency.more_scans import Problem, consistent_tables
 from mht_slam.consistency.work import Work
-from mht_slam.errors import OptionError, UnequalScansError
+from mht_slam.errors import OptionError
 from mht_slam.measurements import BearingScan, StraightRun, scan_selection
 from mht_slam.progress import Progress
 
@@ -110,10 +110,10 @@ def consistent_associations(
     whole_number(max_false, "max_false", at_least=0)
     whole_number(max_nodes, "max_nodes", at_least=1)
     chosen, members = selected_scans(run, scans)
-    refuse_unequal(members, max_missed, max_false)
+    counts = [len(scan) for scan in members]
+    refuse_unequal(counts, max_missed, max_false)
     problem = Problem(members, float(epsilon), max_missed, max_false)
     work = Work(max_nodes, progress)
-    counts = [len(scan) for scan in members]
     found = []
     complete = True
     for rows, bounds in consistent_tables(problem, work):
@@ -155,17 +155,3 @@ def selected_scans(
             "give fewer"
         )
     return chosen, members
-
-
-def refuse_unequal(members: Sequence[BearingScan], max_missed: int, max_false: int) -> None:
-    """Raise `UnequalScansError` where no table has as few misses and false alarms as allowed."""
-    counts = np.array([len(scan) for scan in members])
-    for n_landmarks in range(int(counts.max()) + 1):
-        missed = int(np.maximum(n_landmarks - counts, 0).sum())
-        false = int(np.maximum(counts - n_landmarks, 0).sum())
-        if missed <= max_missed and false <= max_false:
-            return
-    raise UnequalScansError(
-        f"the scans have {counts.tolist()} detections: every landmark must be seen in every scan "
-        f"unless max_missed (now {max_missed}) and max_false (now {max_false}) allow otherwise"
-    )

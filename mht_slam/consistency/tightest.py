@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mht_slam.arrays import IntArray, whole_number
-from mht_slam.association import Association
+from mht_slam.association import Association, refuse_unequal
 from mht_slam.consistency.consistent_set import (
     MAX_NODES,
     RIGHT_ANGLE,
     consistent_associations,
-    refuse_unequal,
     selected_scans,
 )
 from mht_slam.consistency.more_scans import ratio_bounds
@@ -101,7 +100,7 @@ def tightest_association(
     """
     chosen, members = selected_scans(run, scans)
     whole_number(max_nodes, "max_nodes", at_least=1)
-    refuse_unequal(members, 0, 0)
+    refuse_unequal([len(scan) for scan in members], 0, 0)
     proven = True
 
     def search(epsilon: float, limit: int) -> tuple[list[tuple[float, Association]], bool]:

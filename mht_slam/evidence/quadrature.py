@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from mht_slam.arrays import FloatArray, freeze, whole_number
-from mht_slam.association import Association, respects_labels
-from mht_slam.errors import OptionError, UnequalScansError
+from mht_slam.association import Association, refuse_unequal, respects_labels
+from mht_slam.errors import OptionError
 from mht_slam.evidence.candidates import (
     Candidates,
     check_sizes,
@@ -235,14 +235,4 @@ def _check_limits(
             "max_missed or max_false allow associations of different size: give a model with "
             "detection_probability, false_alarm_rate and expected_landmarks"
         )
-    counts = [len(scan) for scan in members]
-    remaining = list(counts)
-    for _ in range(max_false + 1):
-        n_landmarks = max(remaining)
-        if 3 * n_landmarks - sum(remaining) <= max_missed:
-            return
-        remaining[remaining.index(n_landmarks)] -= 1
-    raise UnequalScansError(
-        f"the scans have {', '.join(map(str, counts))} detections, which max_missed={max_missed} "
-        f"and max_false={max_false} do not allow: raise them, or select other scans"
-    )
+    refuse_unequal([len(scan) for scan in members], max_missed, max_false)

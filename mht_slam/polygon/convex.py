@@ -105,7 +105,9 @@ def clip(
 ) -> int:
     """Write the part of a convex polygon on the left of a line into `clipped`; return its corners.
 
-    Corners count as on the left up to an area of `rounding` beside `along`.
+    Corners count as on the left up to an area of `rounding` beside `along`. A line cuts a convex
+    polygon twice at most; `clipped` is never written beyond its end, should rounding have it
+    otherwise.
     """
     if len(polygon) == 0:
         return 0
@@ -114,6 +116,8 @@ def clip(
     height = cross(along, previous - start)
     for corner in polygon:
         own = cross(along, corner - start)
+        if kept + 2 > len(clipped):
+            break
         if (own >= -rounding) != (height >= -rounding):
             share = abs(height) / (abs(height) + abs(own))
             clipped[kept] = previous + (corner - previous) * share

@@ -43,7 +43,7 @@ from mht_slam.polygon.problem import (
 from mht_slam.polygon.tables import PairOfScans
 from mht_slam.progress import Progress
 
-MAX_BASE_PAIRS = 50_000_000
+MAX_BASE_PAIRS = 10_000_000
 """The most combinations of base cells in both pairs of scans."""
 
 _FOUND_AT_ONCE = 256
@@ -104,11 +104,14 @@ class _Search:
                 by_base.setdefault(base, []).append(seen)
         for base, sets in by_base.items():
             thirds = tuple(m for m in middle if m not in base)
-            regions = [base_regions(pair, base, thirds, problem.region) for pair in problem.pairs]
+            regions: list[BaseRegions] = []
             for seen in sets:
                 if not self.complete:
                     self.bound = 1.0  # nothing is known of sets that were not begun
                     return
+                regions = regions or [
+                    base_regions(pair, base, thirds, problem.region) for pair in problem.pairs
+                ]
                 regions = self._search_set(seen, base, thirds, regions, rest, best)
 
     def _search_set(

@@ -17,7 +17,7 @@ from mht_slam.arrays import BoolArray, FloatArray
 from mht_slam.compiled import compiled
 from mht_slam.polygon.cones import ComplexArray, ObjectArray
 from mht_slam.polygon.convex import clip, convex_hull, cross, polygon_area
-from mht_slam.polygon.support import Boxes, Touch, all_boxes, support
+from mht_slam.polygon.support import Boxes, Touch, all_boxes, distance_from, support
 
 REGIONS = ("edges", "vertices")
 
@@ -249,22 +249,12 @@ def disc_that_holds(
         for p2 in second:
             for p3 in third:
                 farthest = max(farthest, abs(p3 - 0.5 * (p1 + p2)))
-    nearest = min(_distance(first, second), _distance(second, first))
+    nearest = np.inf
+    for cell, other in ((first, second), (second, first)):
+        for point in cell:
+            for i in range(len(other)):
+                nearest = min(nearest, distance_from(point, other[i - 1], other[i]))
     radius = farthest / nearest / np.cos(np.pi / _DISC_SIDES)
     for i in range(_DISC_SIDES):
         corners[i] = 0.5 + radius * np.exp(1j * (i + 0.5) * (2.0 * np.pi / _DISC_SIDES))
     return _DISC_SIDES
-
-
-@compiled
-def _distance(points: ComplexArray, polygon: ComplexArray) -> float:
-    """Least distance of some points from the sides of a polygon that holds none of them."""
-    nearest = np.inf
-    for i in range(len(polygon)):
-        start, along = polygon[i], polygon[(i + 1) % len(polygon)] - polygon[i]
-        for point in points:
-            away = point - start
-            length = abs(along) ** 2
-            share = (away * along.conjugate()).real / length if length > 0.0 else 0.0
-            nearest = min(nearest, abs(away - min(max(share, 0.0), 1.0) * along))
-    return nearest

@@ -164,6 +164,8 @@ def next_picks(
 @compiled
 def _log_of_best_bound(choices: Choices, b1: int, b2: int, t: int) -> float:
     """Logarithm of the largest bound on the ratios of one third landmark."""
+    # The loops stand here and in `_picks_of`: as a function of its own the test of a pick is not
+    # inlined, because `Choices` is large, and takes several times as long.
     best = 0.0
     third = choices.thirds[t]
     slots_1, slots_2 = choices.first.slot[b1, third], choices.second.slot[b2, third]

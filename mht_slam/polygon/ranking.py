@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 
 from mht_slam.arrays import IntArray, finite_number, whole_number
-from mht_slam.association import MISSED, Association
-from mht_slam.errors import OptionError, TooFewLandmarksError, UnequalScansError
+from mht_slam.association import MISSED, Association, refuse_unequal
+from mht_slam.errors import OptionError, TooFewLandmarksError
 from mht_slam.hypotheses import RankedAssociation, Ranking
 from mht_slam.measurements import BearingScan, RunPair, StraightRun, scan_selection
 from mht_slam.polygon.base import choose_base, given_base
@@ -230,11 +230,7 @@ def _checked(
             f"the scans have {counts} detections: at most {MAX_DETECTIONS} a scan can be ranked, "
             "rank fewer"
         )
-    if not _completable(counts, max_missed, max_false):
-        raise UnequalScansError(
-            f"the scans have {counts} detections: every landmark must be seen in every scan "
-            f"unless max_missed (now {max_missed}) and max_false (now {max_false}) allow otherwise"
-        )
+    refuse_unequal(counts, max_missed, max_false)
     if min(counts) < MIN_LANDMARKS:
         raise TooFewLandmarksError(
             f"the scans have {counts} detections: at least {MIN_LANDMARKS} landmarks must be seen "
@@ -243,17 +239,6 @@ def _checked(
     if base is not None:
         return given_base(base, counts[middle])
     return choose_base(members[middle].bearings, range(counts[middle]))
-
-
-def _completable(counts: list[int], max_missed: int, max_false: int) -> bool:
-    """Whether so few misses and false alarms can explain that the scans differ in length."""
-    remaining = list(counts)
-    for _ in range(min(max_false, sum(counts)) + 1):
-        longest = max(remaining)
-        if len(remaining) * longest - sum(remaining) <= max_missed:
-            return True
-        remaining[remaining.index(longest)] -= 1
-    return False
 
 
 def _ranked(

@@ -41,7 +41,8 @@ def price_detections(
     """Write prices that bound the sum of log ratios; return the bound.
 
     The picks of landmark m are ``begin[m]`` to ``end[m]``; `detections` (N, C) names each pick's,
-    among those that `is_open` (D,) allows. Stops as soon as the bound is below `needed`.
+    among those that `is_open` (D,) allows. Stops as soon as the bound is below `needed`, which
+    has to leave room for rounding.
     """
     price[:] = 0.0
     trial = price.copy()

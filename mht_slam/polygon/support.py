@@ -246,8 +246,8 @@ def _cut(start: complex, end: complex, other_start: complex, other_end: complex)
 
     A bisector of the angle would do so: far parts of a piece matter less than near ones.
     """
-    near = _distance_from(start, other_start, other_end)
-    far = _distance_from(end, other_start, other_end)
+    near = distance_from(start, other_start, other_end)
+    far = distance_from(end, other_start, other_end)
     share = min(max(near / (near + far), 0.1), 0.9)
     return start + share * (end - start)
 
@@ -263,8 +263,8 @@ def _bulge(a: complex, b: complex, c: complex, d: complex, third: ComplexArray) 
     if length == 0.0:
         return 0.0
     nearest = min(
-        min(_distance_from(a, c, d), _distance_from(b, c, d)),
-        min(_distance_from(c, a, b), _distance_from(d, a, b)),
+        min(distance_from(a, c, d), distance_from(b, c, d)),
+        min(distance_from(c, a, b), distance_from(d, a, b)),
     )
     if nearest <= 0.0:
         return np.inf
@@ -277,7 +277,7 @@ def _bulge(a: complex, b: complex, c: complex, d: complex, third: ComplexArray) 
 
 
 @compiled
-def _distance_from(point: complex, start: complex, end: complex) -> float:
+def distance_from(point: complex, start: complex, end: complex) -> float:
     """Distance of a point from a stretch between two others."""
     along, away = end - start, point - start
     length = _square(along)

@@ -44,16 +44,23 @@ def densely_sampled_hull(triple: Triple, per_edge: int) -> shapely.Geometry:
     return shapely.convex_hull(shapely.MultiPoint(np.column_stack([images.real, images.imag])))
 
 
+def compact_triple(seed: int, epsilon: float) -> Triple:
+    """A random triple whose base cells uniform sampling can measure: apart, and not long."""
+    for attempt in range(100):
+        scene = random_triple(100 * seed + attempt, epsilon)
+        if scene is not None and np.abs(np.concatenate(scene[0][:2])).max() <= 20.0:
+            return scene[0]
+    raise AssertionError("no suitable triple")
+
+
 @pytest.mark.parametrize("epsilon_deg", [1.0, 3.0, 8.0])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_edges_region_is_an_outer_bound_within_half_a_per_cent(
     seed: int, epsilon_deg: float
 ) -> None:
-    scene = random_triple(seed, np.deg2rad(epsilon_deg))
-    if scene is None or np.abs(np.concatenate(scene[0][:2])).max() > 20.0:
-        return  # uniform sampling of cut cells is no measure
-    region = landmark_frame_regions([scene[0]])[0]
-    coarse, dense = (densely_sampled_hull(scene[0], n) for n in (40, 120))
+    triple = compact_triple(seed, np.deg2rad(epsilon_deg))
+    region = landmark_frame_regions([triple])[0]
+    coarse, dense = (densely_sampled_hull(triple, n) for n in (40, 120))
     left = dense.area - coarse.area  # the sampled area still grows by about an eighth of that
     assert region.buffer(1e-9 * np.sqrt(region.area)).covers(dense)
     assert region.area <= 1.005 * (dense.area + left)
