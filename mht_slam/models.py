@@ -7,17 +7,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, fields
+from typing import Literal, TypeAlias, get_args
 
 from mht_slam.arrays import finite_number
 from mht_slam.errors import OptionError
 
+Motion: TypeAlias = Literal["straight", "smooth", "odometry", "free"]
+
 RUN_FRAME_CENTRE = (0.5, 0.0)
 """Midpoint of the first baseline, in the run's frame."""
+ANGLES = ("sigma", "heading_sigma", "turn_sigma", "field_of_view")
+"""The fields that are angles: radians in the model, degrees where it is printed."""
 
 
 @dataclass(frozen=True)
 class ObservationModel:
-    """Everything assumed about a straight run: noise, motion, landmarks and detections.
+    """Everything assumed about a run: noise, motion, landmarks and detections.
 
     Lengths are in baselines (|O1 O2| = 1), angles in radians. Every result that rests on a model
     prints it, because the landmark prior's scale moves probabilities more than anything else.
@@ -25,10 +30,27 @@ class ObservationModel:
     The joint density behind the evidence of an association A with steps r and landmarks x is
 
         p(Z, A, r, x) ~ p(r) p(headings) prod_landmarks w_l  prod_false false_alarm_rate,
-        w_l = expected_landmarks p0(x) prod_seen P_D N(z; h(x), sigma) prod_missed (1 - P_D).
+        w_l = expected_landmarks p0(x) V(seen) prod_seen N(z; h(x), sigma).
 
-    The last three fields are None unless the caller states them: without them associations of
-    different size cannot be compared, and `refine` refuses to.
+    V is the chance of being detected in just these scans. With `stay_probability` 1, every landmark
+    is there in every scan and V = prod_seen P_D prod_missed (1 - P_D). Below 1 a landmark comes
+    into view and leaves it for good, hidden by something or too far away: it stays from one scan to
+    the next with that probability, and as many come as leave, so that `expected_landmarks` are in
+    view at any time (`mht_slam.evidence.visibility`). Outside `field_of_view` nothing is detected.
+
+    The motion models, from strict to free, each with the fields that belong to it:
+
+    - ``straight``: one line and one heading, unknown steps; `heading_sigma`, `lateral_sigma`,
+      `log_step_mean`, `log_step_sigma`.
+    - ``smooth``: each motion resembles the one before; `turn_sigma`, `sideways_sigma`,
+      `step_change_sigma`.
+    - ``odometry``: as the scans' odometry says, in metres.
+    - ``free``: each pose lies somewhere about the one before, within `log_step_sigma` of the first
+      baseline in length and with any direction and heading.
+
+    `detection_probability`, `false_alarm_rate` and `expected_landmarks` are None unless the caller
+    states them: without them associations of different size cannot be compared, and `refine`
+    refuses to.
 
     Raises `OptionError` naming the field, for a value out of its range.
 
@@ -39,6 +61,10 @@ class ObservationModel:
 
     sigma: float
     """Standard deviation of a bearing, radians; a scan's own sigma goes before it."""
+    bearing_dof: float | None = None
+    """Degrees of freedom of Student's t of scale `sigma`, for heavy tails; None: Gaussian."""
+    motion: Motion = "straight"
+    """How poses follow each other."""
     heading_sigma: float = 0.0
     """Independent deviation of each heading from the direction of travel, radians."""
     lateral_sigma: float = 0.0
@@ -51,15 +77,29 @@ class ObservationModel:
     """Mean of ln(|O_k O_k+1| / |O1 O2|)."""
     log_step_sigma: float = 1.0
     """Standard deviation of ln(|O_k O_k+1| / |O1 O2|)."""
+    turn_sigma: float = math.radians(3.0)
+    """Change of heading from one scan to the next, radians (``smooth``)."""
+    sideways_sigma: float = 0.1
+    """Sideways motion as a share of the step, beside the mean heading of it (``smooth``)."""
+    step_change_sigma: float = 0.2
+    """Standard deviation of ln(next step / step) (``smooth``)."""
     detection_probability: float | None = None
-    """P_D, the chance that a scan detects a landmark; None leaves misses out of the model."""
+    """P_D, the chance that a landmark in view is detected; None leaves misses out of the model."""
     false_alarm_rate: float | None = None
     """Expected false alarms per radian of view; None leaves them out of the model."""
     expected_landmarks: float | None = None
-    """Expected number of landmarks under the prior (Poisson); None leaves it out of the model."""
+    """Expected number of landmarks in view (Poisson); None leaves it out of the model."""
+    stay_probability: float = 1.0
+    """Chance that a landmark in view of one scan is still in view of the next."""
+    field_of_view: float = 2.0 * math.pi
+    """Full angle, centred on the heading, that the sensor sees, radians."""
 
     def __post_init__(self) -> None:
         finite_number(self.sigma, "sigma", above=0.0, below=math.pi)
+        if self.bearing_dof is not None:
+            finite_number(self.bearing_dof, "bearing_dof", above=0.0)
+        if self.motion not in get_args(Motion):
+            raise OptionError(f"motion is {self.motion!r}: give one of {get_args(Motion)}")
         finite_number(self.heading_sigma, "heading_sigma", at_least=0.0, below=math.pi)
         finite_number(self.lateral_sigma, "lateral_sigma", at_least=0.0)
         finite_number(self.landmark_sigma, "landmark_sigma", above=0.0)
@@ -69,6 +109,11 @@ class ObservationModel:
             finite_number(value, f"landmark_centre {axis}")
         finite_number(self.log_step_mean, "log_step_mean")
         finite_number(self.log_step_sigma, "log_step_sigma", above=0.0)
+        finite_number(self.turn_sigma, "turn_sigma", above=0.0, below=math.pi)
+        finite_number(self.sideways_sigma, "sideways_sigma", above=0.0)
+        finite_number(self.step_change_sigma, "step_change_sigma", above=0.0)
+        finite_number(self.stay_probability, "stay_probability", above=0.0, at_most=1.0)
+        finite_number(self.field_of_view, "field_of_view", above=0.0, at_most=2.0 * math.pi)
         if self.detection_probability is not None:
             finite_number(
                 self.detection_probability, "detection_probability", above=0.0, at_most=1.0
@@ -92,7 +137,9 @@ class ObservationModel:
         parts = []
         for entry in fields(self):
             value = getattr(self, entry.name)
-            if entry.name in ("sigma", "heading_sigma"):
+            if isinstance(value, str):
+                parts.append(f"{entry.name}={value}")
+            elif entry.name in ANGLES:
                 parts.append(f"{entry.name}={math.degrees(value):g} deg")
             elif isinstance(value, tuple):
                 parts.append(f"{entry.name}=({value[0]:g}, {value[1]:g})")
@@ -100,6 +147,6 @@ class ObservationModel:
                 parts.append(f"{entry.name}={value if value is None else f'{value:g}'}")
         return ", ".join(parts)
 
-    def to_dict(self) -> dict[str, float | tuple[float, float] | None]:
+    def to_dict(self) -> dict[str, float | str | tuple[float, float] | None]:
         """Return the fields as they are, for a results file."""
         return asdict(self)
