@@ -11,7 +11,7 @@ right turn. Everything here is in the library's frame, x forward, y left, angles
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,6 +29,8 @@ FOLDER = "dlr"
 MAP_FILE = "map.circles"
 OBSERVATIONS_FILE = "observations.csv"
 SEGMENTS_FILE = "segments.csv"
+REFERENCE_POSES_FILE = "reference_poses.csv"
+REFERENCE_LANDMARKS_FILE = "reference_landmarks.csv"
 
 STEP_FIELDS = ("image", "dX", "dY", "dPhi", "cXX", "cXY", "cYY", "cXPhi", "cYPhi", "cPhiPhi")
 LANDMARK_FIELDS = ("pX", "pY", "quality", "cXX", "cXY", "cYY", "ID")
@@ -51,6 +53,10 @@ class DlrRecording:
     label_suspect : for each scan (n_detections,) bool. From the CSV: the label lies far from its
         landmark. From ``map.circles``: the detection has several ids, of which the first is kept.
     segments : nearly straight stretches, empty where they were not read.
+    reference_poses : (n_scans, 3) least-squares x, y in metres and theta in radians, x forward and
+        y left of the first pose; (0, 3) where they were not read.
+    reference_landmarks : id to (x, y), metres, in the frame of the poses; empty where they were
+        not read.
     """
 
     scans: tuple[BearingScan, ...]
@@ -58,7 +64,9 @@ class DlrRecording:
     ranges: tuple[FloatArray, ...]
     qualities: tuple[FloatArray, ...]
     label_suspect: tuple[BoolArray, ...]
-    segments: tuple[Segment, ...] = field(default=())
+    segments: tuple[Segment, ...] = ()
+    reference_poses: FloatArray = field(default_factory=lambda: freeze(np.empty((0, 3))))
+    reference_landmarks: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     def truth(self, scans: Sequence[int]) -> Association:
         """Return the labelled association of these scans, for evaluation."""
@@ -71,7 +79,7 @@ class DlrRecording:
 
 
 def read_dlr(folder: Path | None = None) -> DlrRecording:
-    """Read the whole recording: ``map.circles``, the suspect labels and the segments.
+    """Read the whole recording: ``map.circles``, suspect labels, segments and references.
 
     `folder` is the ``dlr`` folder; None looks in `data_folder()`. Raises `RecordingNotFoundError`
     where a file is missing and `RecordingError`, with file and line, where one is malformed or
@@ -89,6 +97,13 @@ def read_dlr(folder: Path | None = None) -> DlrRecording:
                 f"{path}: scan {scan}: its identities differ from those of {MAP_FILE}: "
                 "take both files from one copy of the recording"
             )
+    poses_path = recording_file(source, REFERENCE_POSES_FILE)
+    poses = read_reference_poses(poses_path)
+    if len(poses) != len(recording.scans):
+        raise RecordingError(
+            f"{poses_path}: {len(poses)} poses for the {len(recording.scans)} scans of "
+            f"{MAP_FILE}: take both files from one copy of the recording"
+        )
     return DlrRecording(
         scans=recording.scans,
         identities=recording.identities,
@@ -96,6 +111,10 @@ def read_dlr(folder: Path | None = None) -> DlrRecording:
         qualities=recording.qualities,
         label_suspect=observations.label_suspect,
         segments=read_segments(recording_file(source, SEGMENTS_FILE), len(recording.scans)),
+        reference_poses=poses,
+        reference_landmarks=read_reference_landmarks(
+            recording_file(source, REFERENCE_LANDMARKS_FILE)
+        ),
     )
 
 

@@ -175,6 +175,21 @@ def test_sources_that_disagree_are_refused(tmp_path):
         read_dlr(tmp_path)
 
 
+def test_a_recording_has_a_reference_pose_for_every_scan(tmp_path):
+    (tmp_path / "map.circles").write_text(f"{STEP}\n" * 2)
+    (tmp_path / "observations.csv").write_text(OBSERVATIONS_HEADER)
+    (tmp_path / "segments.csv").write_text(",".join(COLUMNS) + "\n")
+    (tmp_path / "reference_landmarks.csv").write_text("id,x_m,y_m\n1,0,2\n")
+    poses = tmp_path / "reference_poses.csv"
+    poses.write_text("scan,x_m,y_m,theta_rad\n0,0,0,0\n")
+    with pytest.raises(RecordingError, match="1 poses for the 2 scans"):
+        read_dlr(tmp_path)
+    poses.write_text("scan,x_m,y_m,theta_rad\n0,0,0,0\n1,1,0,0.5\n")
+    recording = read_dlr(tmp_path)
+    assert recording.reference_poses.tolist() == [[0, 0, 0], [1, 0, 0.5]]
+    assert recording.reference_landmarks == {1: (0.0, 2.0)}
+
+
 def test_a_folder_without_the_recording_says_what_is_missing(tmp_path):
     with pytest.raises(RecordingNotFoundError, match=r"map\.circles"):
         read_dlr(tmp_path)
