@@ -14,12 +14,15 @@ from mht_slam.factors.gauge import first_baseline as first_baseline
 from mht_slam.factors.gauge import known_distance as known_distance
 from mht_slam.factors.gauge import landmark_prior as landmark_prior
 from mht_slam.factors.gauge import position_prior as position_prior
+from mht_slam.factors.motion import drift as drift
 from mht_slam.factors.motion import heading_prior as heading_prior
 from mht_slam.factors.motion import log_step as log_step
 from mht_slam.factors.motion import odometry as odometry
 from mht_slam.factors.motion import on_line as on_line
 from mht_slam.factors.motion import smooth_motion as smooth_motion
+from mht_slam.factors.motion import step_change as step_change
 from mht_slam.factors.motion import straight_segment as straight_segment
+from mht_slam.factors.motion import turn as turn
 from mht_slam.factors.sightings import bearing as bearing
 from mht_slam.factors.sightings import bearing_and_range as bearing_and_range
 from mht_slam.factors.sightings import landmark_range as landmark_range
@@ -29,6 +32,7 @@ __all__ = [
     "FREE_SIGMA",
     "bearing",
     "bearing_and_range",
+    "drift",
     "first_baseline",
     "heading_prior",
     "known_distance",
@@ -42,5 +46,7 @@ __all__ = [
     "on_line",
     "position_prior",
     "smooth_motion",
+    "step_change",
     "straight_segment",
+    "turn",
 ]

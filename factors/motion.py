@@ -97,3 +97,48 @@ def odometry(
     tangent = into_next @ np.asarray(covariance, dtype=np.float64) @ into_next.T
     noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (tangent + tangent.T))
     return gtsam.BetweenFactorPose2(pose, next_pose, gtsam.Pose2(*motion), noise)
+
+
+def turn(pose: int, next_pose: int, sigma: float) -> gtsam.BetweenFactorPose2:
+    """Change of heading from one pose to the next (radians), zero up to `sigma`."""
+    noise = gtsam.noiseModel.Diagonal.Sigmas([FREE_SIGMA, FREE_SIGMA, sigma])
+    return gtsam.BetweenFactorPose2(pose, next_pose, gtsam.Pose2(), noise)
+
+
+def drift(pose: int, next_pose: int, sigma: float) -> gtsam.BearingFactorPose2:
+    """Direction of the next pose from this one: straight ahead, up to `sigma` (radians)."""
+    noise = gtsam.noiseModel.Isotropic.Sigma(1, sigma)
+    return gtsam.BearingFactorPose2(pose, next_pose, gtsam.Rot2(0.0), noise)
+
+
+def step_change(
+    keys: tuple[int, int, int], around: npt.NDArray[np.float64], sigma: float
+) -> gtsam.LinearContainerFactor:
+    """Two consecutive steps alike, ln(s2 / s1) ~ N(0, `sigma`^2), linearised at poses `around`.
+
+    `around` holds the three poses, (3, 3) of x, y, theta. GTSAM has no such factor in C++, so its
+    residual (ln s2 - ln s1) / sigma and Jacobian at `around` go into a linear one of unit noise.
+    Solve, put the new poses in, solve again: at the fixed point value, gradient and Gauss-Newton
+    curvature are exact. The normaliser of `sigma` is not in the factor.
+
+    With u the unit vector of a step of length s from pose a to b, d ln s = u . (db - da) / s, and
+    a pose moves by its own axes: da = R_a times the tangent's translation.
+    """
+    steps = np.diff(around[:, :2], axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    first, second = steps / lengths[:, None] ** 2
+    values = gtsam.Values()
+    jacobians = []
+    for key, (x, y, theta), gradient in zip(
+        keys, around.tolist(), (first, -first - second, second), strict=True
+    ):
+        values.insert(key, gtsam.Pose2(x, y, theta))
+        cosine, sine = math.cos(theta), math.sin(theta)
+        forward = cosine * gradient[0] + sine * gradient[1]
+        leftward = -sine * gradient[0] + cosine * gradient[1]
+        jacobians.append(np.array([[forward, leftward, 0.0]]) / sigma)
+    residual = math.log(lengths[1] / lengths[0]) / sigma
+    unit = gtsam.noiseModel.Unit.Create(1)
+    (a, b, c), (da, db, dc) = keys, jacobians
+    linear = gtsam.JacobianFactor(a, da, b, db, c, dc, np.array([-residual]), unit)
+    return gtsam.LinearContainerFactor(linear, values)

@@ -7,13 +7,24 @@ import math
 import gtsam
 
 
-def bearing(pose: int, landmark: int, angle: float, sigma: float) -> gtsam.BearingFactor2D:
+def bearing(
+    pose: int, landmark: int, angle: float, sigma: float, dof: float | None = None
+) -> gtsam.BearingFactor2D:
     """Landmark seen from a pose at `angle` (radians, counter-clockwise from forward).
 
     `sigma` is the standard deviation in radians. The residual is wrapped, so that angles on
     either side of pi are close.
+
+    With `dof` the noise is Student's t of that many degrees of freedom and scale `sigma`. GTSAM's
+    Cauchy loss k^2 / 2 ln(1 + e^2 / k^2) is exactly that, up to its normaliser, with
+    k^2 = `dof` + 1 and e = r / (`sigma` sqrt(`dof` / (`dof` + 1))).
     """
-    noise = gtsam.noiseModel.Isotropic.Sigma(1, sigma)
+    if dof is None:
+        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Isotropic.Sigma(1, sigma)
+    else:
+        inner = gtsam.noiseModel.Isotropic.Sigma(1, sigma * math.sqrt(dof / (dof + 1.0)))
+        loss = gtsam.noiseModel.mEstimator.Cauchy.Create(math.sqrt(dof + 1.0))
+        noise = gtsam.noiseModel.Robust.Create(loss, inner)
     return gtsam.BearingFactor2D(pose, landmark, gtsam.Rot2(angle), noise)
 
 

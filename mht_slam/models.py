@@ -16,7 +16,7 @@ Motion: TypeAlias = Literal["straight", "smooth", "odometry", "free"]
 
 RUN_FRAME_CENTRE = (0.5, 0.0)
 """Midpoint of the first baseline, in the run's frame."""
-ANGLES = ("sigma", "heading_sigma", "turn_sigma", "field_of_view")
+ANGLES = ("sigma", "heading_sigma", "turn_sigma", "drift_sigma", "field_of_view")
 """The fields that are angles: radians in the model, degrees where it is printed."""
 
 
@@ -42,7 +42,7 @@ class ObservationModel:
 
     - ``straight``: one line and one heading, unknown steps; `heading_sigma`, `lateral_sigma`,
       `log_step_mean`, `log_step_sigma`.
-    - ``smooth``: each motion resembles the one before; `turn_sigma`, `sideways_sigma`,
+    - ``smooth``: each motion resembles the one before; `turn_sigma`, `drift_sigma`,
       `step_change_sigma`.
     - ``odometry``: as the scans' odometry says, in metres.
     - ``free``: each pose lies somewhere about the one before, within `log_step_sigma` of the first
@@ -79,8 +79,8 @@ class ObservationModel:
     """Standard deviation of ln(|O_k O_k+1| / |O1 O2|)."""
     turn_sigma: float = math.radians(3.0)
     """Change of heading from one scan to the next, radians (``smooth``)."""
-    sideways_sigma: float = 0.1
-    """Sideways motion as a share of the step, beside the mean heading of it (``smooth``)."""
+    drift_sigma: float = math.radians(5.0)
+    """Angle between a step and the heading at its start, radians (``smooth``)."""
     step_change_sigma: float = 0.2
     """Standard deviation of ln(next step / step) (``smooth``)."""
     detection_probability: float | None = None
@@ -110,7 +110,7 @@ class ObservationModel:
         finite_number(self.log_step_mean, "log_step_mean")
         finite_number(self.log_step_sigma, "log_step_sigma", above=0.0)
         finite_number(self.turn_sigma, "turn_sigma", above=0.0, below=math.pi)
-        finite_number(self.sideways_sigma, "sideways_sigma", above=0.0)
+        finite_number(self.drift_sigma, "drift_sigma", above=0.0, below=math.pi)
         finite_number(self.step_change_sigma, "step_change_sigma", above=0.0)
         finite_number(self.stay_probability, "stay_probability", above=0.0, at_most=1.0)
         finite_number(self.field_of_view, "field_of_view", above=0.0, at_most=2.0 * math.pi)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import gtsam
@@ -11,6 +10,7 @@ from gtsam.symbol_shorthand import L, X
 
 from mht_slam import factors
 from mht_slam.arrays import FloatArray, IntArray
+from mht_slam.graph.motion import motion_factors
 from mht_slam.graph.problem import Problem
 
 
@@ -27,20 +27,18 @@ def graph_keys(n_scans: int, n_landmarks: int) -> GraphKeys:
     return GraphKeys(tuple(X(k) for k in range(n_scans)), tuple(L(i) for i in range(n_landmarks)))
 
 
-def build_graph(problem: Problem, table: IntArray, steps: FloatArray) -> gtsam.NonlinearFactorGraph:
+def build_graph(problem: Problem, table: IntArray, poses: FloatArray) -> gtsam.NonlinearFactorGraph:
     """Build the graph of one association.
 
     Parameters
     ----------
     problem : the scans and their model.
     table : (n, m) association table.
-    steps : (len(problem.free_steps),) lengths about which the log-normal step priors are
-        linearised; at the estimate they are the estimated steps.
+    poses : (m, 3) about which the log-normal step priors are linearised; at the estimate they are
+        the estimated poses.
 
-    Every factor is a normalised Gaussian density (docs/method.md, section 4): bearings; the gauge
-    (O1 at the origin, O2 at one baseline on the x axis); headings about the line's direction;
-    later scans on the line; log-normal steps; an isotropic landmark prior. The second run of a
-    `RunPair` has a position prior like a landmark's and a uniform direction instead of the line.
+    Every factor is a normalised density (docs/method.md, section 4): bearings; an isotropic
+    landmark prior; the gauge and the motion model (`mht_slam.graph.motion`).
     """
     keys = graph_keys(len(problem.scans), len(table))
     graph = gtsam.NonlinearFactorGraph()
@@ -49,56 +47,19 @@ def build_graph(problem: Problem, table: IntArray, steps: FloatArray) -> gtsam.N
     for row, scan in np.argwhere(sightings.seen).tolist():
         graph.push_back(
             factors.bearing(
-                keys.scans[scan], keys.landmarks[row], bearings[row][scan], sigmas[row][scan]
+                keys.scans[scan],
+                keys.landmarks[row],
+                bearings[row][scan],
+                sigmas[row][scan],
+                problem.model.bearing_dof,
             )
         )
     model = problem.model
     for key in keys.landmarks:
         graph.push_back(factors.landmark_prior(key, model.landmark_centre, model.landmark_sigma))
-    for factor in motion_factors(problem, keys):
-        graph.push_back(factor)
-    for factor in step_factors(problem, keys, steps):
+    for factor in motion_factors(problem, keys.scans, poses):
         graph.push_back(factor)
     return graph
-
-
-def motion_factors(problem: Problem, keys: GraphKeys) -> list[gtsam.NoiseModelFactor]:
-    """Gauge, line and heading factors: all that holds the poses but the steps."""
-    x = keys.scans
-    on_first_line = len(x) if problem.second_run is None else problem.second_run
-    result: list[gtsam.NoiseModelFactor] = [
-        *factors.first_baseline(x[0], x[1], length=problem.baseline),
-        *(factors.heading_prior(key, 0.0, problem.heading_sigma) for key in x[:on_first_line]),
-        *(factors.on_line(key, 0.0, problem.lateral_sigma) for key in x[2:on_first_line]),
-    ]
-    if problem.second_run is not None:
-        third, fourth = x[problem.second_run :]
-        centre, sigma = problem.model.landmark_centre, problem.model.landmark_sigma
-        result.append(factors.position_prior(third, centre, sigma))
-        result.extend(factors.straight_segment(third, fourth, problem.heading_sigma))
-    return result
-
-
-def step_factors(
-    problem: Problem, keys: GraphKeys, steps: FloatArray
-) -> list[gtsam.NoiseModelFactor]:
-    """Log-normal step priors, linearised about `steps`."""
-    mean, sigma = problem.model.log_step_mean, problem.model.log_step_sigma
-    return [
-        factors.log_step(keys.scans[a], keys.scans[b], mean, sigma, around)
-        for (a, b), around in zip(problem.free_steps, steps.tolist(), strict=True)
-    ]
-
-
-def prior_outside_graph(problem: Problem, steps: FloatArray) -> float:
-    """Log prior density that no factor holds, evaluated at the mode.
-
-    The second run of a `RunPair` points anywhere, density 1 / (2 pi) over its direction psi. In
-    the graph's variables dO4 = s ds dpsi, hence 1 / (2 pi s) with s = |O3 O4|.
-    """
-    if problem.second_run is None:
-        return 0.0
-    return -math.log(2.0 * math.pi) - math.log(float(steps[-1]))
 
 
 def make_values(poses: FloatArray, landmarks: FloatArray) -> gtsam.Values:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TypeAlias
+
 import numpy as np
 
 from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.graph.problem import Problem, Sightings
-from mht_slam.measurements import wrap_angle
+from mht_slam.measurements import Odometry, wrap_angle
+
+Start: TypeAlias = tuple[FloatArray, FloatArray]
+"""Poses (m, 3) and landmarks (n, 2) from which an optimiser starts."""
 
 STEP_GRID = np.linspace(-3.0, 3.0, 49)
 """Starting steps tried, in standard deviations of the log-step prior."""
@@ -18,18 +24,14 @@ START_MARGIN = 50.0
 """A further start may cost this much more than the best: 25 nats, more than refining moves it."""
 
 
-def starting_points(problem: Problem, table: IntArray) -> list[tuple[FloatArray, FloatArray]]:
+def starting_points(problem: Problem, table: IntArray) -> list[Start]:
     """Return up to `N_STARTS` pairs of poses (m, 3) and landmarks (n, 2), the best first.
 
     For known poses the landmarks separate, so each start triangulates them one by one; only the
     unknown steps (or, for a `RunPair`, the way the runs lie to each other) have to be searched.
     """
     sightings = problem.sightings(table)
-    candidates = (
-        _poses_on_line(problem, sightings)
-        if problem.second_run is None
-        else _poses_of_two_runs(problem, sightings)
-    )
+    candidates = _candidate_poses(problem, sightings)
     landmarks, costs = triangulate(problem, sightings, candidates)
     costs = costs + _step_cost(problem, candidates)
     return [(candidates[g], landmarks[g]) for g in _local_minima(costs)[:N_STARTS]]
@@ -65,6 +67,40 @@ def triangulate(
     best = costs.argmin(axis=0)
     chosen = np.take_along_axis(options, best[None, ..., None], axis=0)[0]
     return chosen, costs.min(axis=0).sum(axis=1)
+
+
+def _candidate_poses(problem: Problem, sightings: Sightings) -> FloatArray:
+    """(G, m, 3) poses to start from."""
+    if problem.second_run is not None:
+        return _poses_of_two_runs(problem, sightings)
+    match problem.model.motion:
+        case "odometry":
+            return dead_reckoning(problem.odometry)[None]
+        case "smooth":
+            return _equal_steps(problem)
+        case _:
+            return _poses_on_line(problem, sightings)
+
+
+def dead_reckoning(odometry: Sequence[Odometry]) -> FloatArray:
+    """(m, 3) poses from m - 1 motions, the first at the origin."""
+    poses = np.zeros((len(odometry) + 1, 3))
+    for k, motion in enumerate(odometry):
+        x, y, theta = poses[k]
+        c, s = np.cos(theta), np.sin(theta)
+        poses[k + 1] = (
+            x + c * motion.dx - s * motion.dy,
+            y + s * motion.dx + c * motion.dy,
+            theta + motion.dtheta,
+        )
+    return poses
+
+
+def _equal_steps(problem: Problem) -> FloatArray:
+    """(1, m, 3) poses on the x axis, all steps as long as the first."""
+    poses = np.zeros((1, len(problem.scans), 3))
+    poses[0, :, 0] = problem.baseline * np.arange(len(problem.scans))
+    return poses
 
 
 def _poses_on_line(problem: Problem, sightings: Sightings) -> FloatArray:
@@ -174,6 +210,8 @@ def _costs(
 def _step_cost(problem: Problem, poses: FloatArray) -> FloatArray:
     """(G,) squared residuals of the log-step prior."""
     cost = np.zeros(len(poses))
+    if problem.model.motion in ("smooth", "odometry"):
+        return cost  # one candidate, nothing to compare
     for a, b in problem.free_steps:
         step = np.linalg.norm(poses[:, b, :2] - poses[:, a, :2], axis=-1)
         residual = (np.log(step) - problem.model.log_step_mean) / problem.model.log_step_sigma

@@ -53,12 +53,15 @@ def marginal_log_evidence(
     Returns
     -------
     log Int p(X) prod_j E_j(X) dX over steps, and headings and lateral deviations where the model
-    lets them vary; what it holds to `ZERO_SIGMA` is taken as exact. None where there are more than
-    `MAX_PARAMETERS` such unknowns, or where neither grid nor sample covers the mass: plain Laplace
+    lets them vary; what it holds to `ZERO_SIGMA` is taken as exact. None for motion other than
+    ``straight``, for heavy-tailed bearings, where there are more than `MAX_PARAMETERS` such
+    unknowns, or where neither grid nor sample covers the mass: plain Laplace
     has to do there.
 
     Source: docs/method.md, section 4.
     """
+    if problem.model.motion != "straight" or problem.model.bearing_dof is not None:
+        return None
     layout = PoseLayout(problem)
     centre = layout.parameters(poses)
     if not 1 <= len(centre) <= MAX_PARAMETERS:

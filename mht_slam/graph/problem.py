@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from mht_slam.arrays import BoolArray, FloatArray, IntArray, finite_number, freeze
 from mht_slam.association import MISSED
-from mht_slam.measurements import BearingScan, RunPair, StraightRun
+from mht_slam.errors import OptionError
+from mht_slam.measurements import BearingScan, Odometry, RunPair, StraightRun
 from mht_slam.models import ObservationModel
 
 ZERO_SIGMA = 1e-4
@@ -50,9 +52,22 @@ class Problem:
 
     @property
     def free_steps(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of consecutive scans of one run whose distance is unknown."""
+        """Pairs of consecutive scans of one run whose distance has a prior in logarithms."""
+        if self.model.motion == "odometry":
+            return ()
         m = len(self.scans)
         return tuple((k, k + 1) for k in range(1, m - 1) if k + 1 != self.second_run)
+
+    def free_lengths(self, poses: FloatArray) -> FloatArray:
+        """Return the distances of `free_steps` in (m, 3) poses."""
+        steps = [poses[b, :2] - poses[a, :2] for a, b in self.free_steps]
+        lengths: FloatArray = np.linalg.norm(np.array(steps).reshape(-1, 2), axis=1)
+        return lengths
+
+    @property
+    def odometry(self) -> tuple[Odometry, ...]:
+        """Motion before each scan but the first."""
+        return tuple(scan.odometry for scan in self.scans[1:] if scan.odometry is not None)
 
     def sightings(self, table: IntArray) -> Sightings:
         """Return the bearings of an (n, m) association table, row by row."""
@@ -87,6 +102,10 @@ def make_problem(
     Raises `OptionError` unless it is a positive number.
     """
     chosen = tuple(run.scans[i] for i in scans)
+    if model.motion != "straight" and isinstance(run, RunPair):
+        raise OptionError(f"motion is {model.motion!r}: a RunPair is two runs of motion 'straight'")
+    if model.motion == "odometry":
+        _check_odometry(chosen, scans, scale)
     baseline = 1.0 if scale is None else finite_number(scale, "scale", above=0.0)
     in_unit = replace(
         model,
@@ -105,3 +124,20 @@ def make_problem(
         baseline=baseline,
         second_run=2 if isinstance(run, RunPair) else None,
     )
+
+
+def _check_odometry(
+    chosen: tuple[BearingScan, ...], scans: tuple[int, ...], scale: float | None
+) -> None:
+    if scale is not None:
+        raise OptionError(f"scale is {scale!r}: with motion 'odometry' the odometry gives it")
+    if any(b != a + 1 for a, b in pairwise(scans)):
+        raise OptionError(
+            f"scans is {scans}: motion 'odometry' takes consecutive scans, whose odometry is known"
+        )
+    for i, scan in zip(scans[1:], chosen[1:], strict=True):
+        if scan.odometry is None or scan.odometry.covariance is None:
+            raise OptionError(
+                f"scan {i} has no odometry with a covariance: motion 'odometry' needs one in "
+                "every scan but the first"
+            )

@@ -177,6 +177,6 @@ def _solve_one(
 
 
 def _to_gtsam(problem: Problem, association: Association, estimate: Estimate) -> tuple[Any, ...]:
-    graph = build_graph(problem, association.table, estimate.steps)
+    graph = build_graph(problem, association.table, estimate.poses)
     values = make_values(estimate.poses, estimate.landmarks)
     return graph, values, graph_keys(len(problem.scans), association.n_landmarks)

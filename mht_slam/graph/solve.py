@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias
 
 import gtsam
 import numpy as np
+from scipy import stats
 
 from mht_slam import factors
 from mht_slam.arrays import BoolArray, FloatArray, IntArray
@@ -20,11 +21,11 @@ from mht_slam.graph.build import (
     build_graph,
     graph_keys,
     make_values,
-    prior_outside_graph,
 )
-from mht_slam.graph.initial import starting_points
+from mht_slam.graph.initial import Start, starting_points
 from mht_slam.graph.laplace import SingularGraphError, laplace
 from mht_slam.graph.marginal import marginal_log_evidence
+from mht_slam.graph.motion import log_density_outside
 from mht_slam.graph.problem import Problem, Sightings
 from mht_slam.measurements import wrap_angle
 
@@ -49,7 +50,7 @@ class Estimate:
 
     Attributes
     ----------
-    poses : (m, 3); landmarks : (n, 2); steps : about which the step priors are linearised.
+    poses : (m, 3); landmarks : (n, 2).
     log_likelihood : normalised bearing terms at the estimate.
     log_evidence : evidence of the graph, without the weights of misses and false alarms.
     log_evidence_error : its standard error; None for plain Laplace, which knows none.
@@ -58,7 +59,6 @@ class Estimate:
 
     poses: FloatArray
     landmarks: FloatArray
-    steps: FloatArray
     log_likelihood: float
     log_evidence: float
     log_evidence_error: float | None
@@ -75,11 +75,15 @@ class TrappedError(UnsolvedError):
 
 
 def solve_association(
-    problem: Problem, table: IntArray, evidence: EvidenceMethod = "marginal"
+    problem: Problem,
+    table: IntArray,
+    evidence: EvidenceMethod = "marginal",
+    start: Start | None = None,
 ) -> Estimate:
     """Estimate poses and landmarks of one association from its best start.
 
-    `evidence` says how the evidence is computed, see `mht_slam.graph.refine.refine`.
+    `evidence` says how the evidence is computed, see `mht_slam.graph.refine.refine`. `start`, poses
+    (m, 3) and landmarks (n, 2), saves looking for one.
 
     With wandering headings the optimum over positions may lie on an observation point, where a
     landmark explains any bearing. The optimum over bearings and log ranges is taken then; Laplace
@@ -94,12 +98,16 @@ def solve_association(
     standard deviation of the prior, with the prior's covariance.
     """
     ranged = (table != MISSED).sum(axis=1) >= 2
-    estimate = _solve_ranged(problem, table[ranged], evidence)
+    if start is not None:
+        start = start[0], start[1][ranged]
+    estimate = _solve_ranged(problem, table[ranged], evidence, start)
     return estimate if ranged.all() else _with_single_sightings(problem, table, ranged, estimate)
 
 
-def _solve_ranged(problem: Problem, table: IntArray, evidence: EvidenceMethod) -> Estimate:
-    starts = starting_points(problem, table)
+def _solve_ranged(
+    problem: Problem, table: IntArray, evidence: EvidenceMethod, start: Start | None
+) -> Estimate:
+    starts = starting_points(problem, table) if start is None else [start]
     optima, failures = _optima(problem, table, starts)
     trapped = any(isinstance(failure, TrappedError) for failure in failures)
     if not optima and trapped:
@@ -118,7 +126,6 @@ class _Optimum:
 
     error: float
     values: gtsam.Values
-    steps: FloatArray
     poses: FloatArray
     landmarks: FloatArray
     residuals: FloatArray
@@ -160,7 +167,7 @@ def _optimise(
     parameters = gtsam.LevenbergMarquardtParams.CeresDefaults()
     for _ in range(MAX_RANGE_RELINEARISATIONS if in_log_range else MAX_RELINEARISATIONS):
         steps, ranges = _steps(problem, poses), _ranges(sightings, poses, landmarks)
-        graph = build_graph(problem, table, steps)
+        graph = build_graph(problem, table, poses)
         if in_log_range:
             anchors = ranges.argmin(axis=1)
             for key, scan, nearest in zip(keys.landmarks, anchors, ranges.min(axis=1), strict=True):
@@ -176,23 +183,22 @@ def _optimise(
             moved = max(moved, np.abs(approach - 1.0).max(initial=0.0))
         if moved <= RELINEARISED:
             break
-    steps = _steps(problem, poses)
-    error = build_graph(problem, table, steps).error(values)
+    error = build_graph(problem, table, poses).error(values)
     if not (math.isfinite(error) and np.isfinite(poses).all() and np.isfinite(landmarks).all()):
         raise UnsolvedError("the optimiser ended at numbers that are not finite")
     residuals = _residuals(sightings, poses, landmarks)
     _check_sides(problem, sightings, residuals, poses)
     _check_ranges(problem, sightings, poses, landmarks)
-    return _Optimum(error, values, steps, poses, landmarks, residuals)
+    return _Optimum(error, values, poses, landmarks, residuals)
 
 
 def _estimate(
     problem: Problem, table: IntArray, optimum: _Optimum, evidence: EvidenceMethod
 ) -> Estimate:
     sightings = problem.sightings(table)
-    poses, residuals, steps = optimum.poses, optimum.residuals, optimum.steps
+    poses, residuals = optimum.poses, optimum.residuals
     try:
-        approximation = laplace(build_graph(problem, table, steps), optimum.values)
+        approximation = laplace(build_graph(problem, table, poses), optimum.values)
     except SingularGraphError as cause:
         raise UnsolvedError(str(cause)) from cause
     landmark_covariances, joint = _split_covariance(approximation.covariance, poses)
@@ -200,12 +206,11 @@ def _estimate(
     worst = float(np.abs(residuals / sightings.sigmas)[sightings.seen].max(initial=0.0))
     if evidence == "marginal" and worst <= HOPELESS_RESIDUAL:
         integral = marginal_log_evidence(problem, table, poses, joint)
-    plain = approximation.log_evidence + prior_outside_graph(problem, steps)
+    plain = approximation.log_evidence + log_density_outside(problem, poses)
     return Estimate(
         poses=poses,
         landmarks=optimum.landmarks,
-        steps=steps,
-        log_likelihood=_log_likelihood(sightings, residuals),
+        log_likelihood=_log_likelihood(sightings, residuals, problem.model.bearing_dof),
         log_evidence=plain if integral is None else integral.log_value,
         log_evidence_error=None if integral is None else integral.error,
         pose_covariances=_diagonal_blocks(joint, 3),
@@ -249,7 +254,7 @@ def _with_single_sightings(
 
 def _steps(problem: Problem, poses: FloatArray) -> FloatArray:
     """Distances of the problem's free steps; raises where two poses coincide."""
-    steps = np.array([np.linalg.norm(poses[b, :2] - poses[a, :2]) for a, b in problem.free_steps])
+    steps = problem.free_lengths(poses)
     if not (np.isfinite(steps).all() and (steps > 1e-9 * problem.baseline).all()):
         raise UnsolvedError("two observation points coincide at the estimate")
     return steps
@@ -272,9 +277,10 @@ def _residuals(sightings: Sightings, poses: FloatArray, landmarks: FloatArray) -
     return wrap_angle(predicted - sightings.bearings)
 
 
-def _log_likelihood(sightings: Sightings, residuals: FloatArray) -> float:
+def _log_likelihood(sightings: Sightings, residuals: FloatArray, dof: float | None) -> float:
     z = residuals / sightings.sigmas
-    terms = -0.5 * z**2 - np.log(sightings.sigmas) - 0.5 * math.log(2.0 * math.pi)
+    density = stats.norm if dof is None else stats.t(dof)
+    terms = density.logpdf(z) - np.log(sightings.sigmas)
     return float(terms[sightings.seen].sum())
 
 
@@ -286,8 +292,11 @@ def _check_sides(
     if len(behind):
         row, scan = behind[0].tolist()
         raise UnsolvedError(f"landmark {row} ends up on the far side of its bearing in scan {scan}")
+    if problem.model.motion in ("odometry", "free"):
+        return
     for a, b in problem.free_steps:
-        heading = poses[a, 2] if problem.second_run is not None else 0.0
+        on_one_line = problem.second_run is None and problem.model.motion == "straight"
+        heading = 0.0 if on_one_line else poses[a, 2]
         forward = np.array([math.cos(heading), math.sin(heading)])
         if float(forward @ (poses[b, :2] - poses[a, :2])) <= 0.0:
             raise UnsolvedError(f"the robot goes backwards from scan {a} to scan {b}")

@@ -67,6 +67,11 @@ FACTORS: dict[str, tuple[Any, float]] = {
         factors.log_step(POSE, OTHER, 0.1, 0.7, math.hypot(1.5, 0.5)),
         0.5 * ((math.log(math.hypot(1.5, 0.5)) - 0.1) / 0.7) ** 2,
     ),
+    "turn": (factors.turn(POSE, OTHER, 0.2), 0.5 * (0.3 / 0.2) ** 2),
+    "drift": (
+        factors.drift(POSE, OTHER, 0.1),
+        0.5 * ((math.atan2(-0.5, 1.5) - 0.2) / 0.1) ** 2,
+    ),
     "smooth_motion": (factors.smooth_motion(POSE, OTHER, 1.0, 0.3, 0.1, 0.2), math.nan),
     "odometry": (
         factors.odometry(POSE, OTHER, (1.3, -0.7, 0.25), np.diag([0.04, 0.09, 0.01])),

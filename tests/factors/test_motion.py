@@ -119,3 +119,39 @@ def test_an_arc_ends_half_a_step_times_the_turn_beside_the_first_heading() -> No
     arc = gtsam.Pose2.Expmap(np.array([1.0, 0.0, turn]))
     lateral = factor.whitenedError(two_poses(gtsam.Pose2(), arc))[1]
     assert lateral == pytest.approx(0.5 * turn / 0.01, rel=0.01)
+
+
+@given(
+    steps=st.tuples(LENGTHS, LENGTHS),
+    headings=st.tuples(ANGLES, ANGLES, ANGLES),
+    directions=st.tuples(ANGLES, ANGLES),
+    sigma=st.floats(0.05, 1.0),
+)
+def test_a_step_change_is_exact_about_its_own_poses(
+    steps: tuple[float, float],
+    headings: tuple[float, float, float],
+    directions: tuple[float, float],
+    sigma: float,
+) -> None:
+    moves = [[s * math.cos(d), s * math.sin(d)] for s, d in zip(steps, directions, strict=True)]
+    around = np.zeros((3, 3))
+    around[1:, :2] = np.cumsum(moves, axis=0)
+    around[:, 2] = headings
+    factor = factors.step_change((0, 1, 2), around, sigma)
+    values = gtsam.Values()
+    for key, (x, y, theta) in enumerate(around.tolist()):
+        values.insert(key, gtsam.Pose2(x, y, theta))
+
+    def residual(key: int, delta: np.ndarray) -> float:
+        places = [values.atPose2(k) for k in range(3)]
+        places[key] = places[key].retract(delta)
+        a, b, c = (np.array([p.x(), p.y()]) for p in places)
+        return math.log(np.linalg.norm(c - b) / np.linalg.norm(b - a)) / sigma
+
+    assert factor.error(values) == pytest.approx(0.5 * residual(0, np.zeros(3)) ** 2, abs=1e-9)
+    jacobian = factor.linearize(values).jacobian()[0]
+    for key in range(3):
+        for axis in range(3):
+            step = 1e-6 * min(steps) * np.eye(3)[axis]
+            slope = (residual(key, step) - residual(key, -step)) / (2e-6 * min(steps))
+            assert jacobian[0, 3 * key + axis] == pytest.approx(slope, rel=1e-4, abs=1e-4)
