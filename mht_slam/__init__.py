@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from mht_slam.consistency.tightest import tightest_association as tightest_association
     from mht_slam.evidence.quadrature import evidence_by_quadrature as evidence_by_quadrature
     from mht_slam.evidence.quadrature import rank_by_evidence as rank_by_evidence
+    from mht_slam.graph.observability import Observability as Observability
+    from mht_slam.graph.observability import observability as observability
     from mht_slam.graph.refine import refine as refine
     from mht_slam.hypotheses import Hypothesis as Hypothesis
     from mht_slam.hypotheses import Posterior as Posterior
@@ -43,6 +45,7 @@ _HOME = {
     "Comparison": "comparison",
     "ConsistentSet": "consistency.consistent_set",
     "Hypothesis": "hypotheses",
+    "Observability": "graph.observability",
     "ObservationModel": "models",
     "Odometry": "measurements",
     "Posterior": "hypotheses",
@@ -55,6 +58,7 @@ _HOME = {
     "compare": "comparison",
     "consistent_associations": "consistency.consistent_set",
     "evidence_by_quadrature": "evidence.quadrature",
+    "observability": "graph.observability",
     "rank": "polygon.ranking",
     "rank_by_evidence": "evidence.quadrature",
     "refine": "graph.refine",

@@ -33,6 +33,10 @@ class NoEstimateError(MhtSlamError, ValueError):
     """A hypothesis that the factor graph could not solve, asked for its estimate."""
 
 
+class UnobservableError(MhtSlamError, ValueError):
+    """Associations that no bearing can contradict: only priors would rank them."""
+
+
 class ScanFileError(MhtSlamError, ValueError):
     """A scan file that is malformed; the message names file, line and field."""
 
