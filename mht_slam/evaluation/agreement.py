@@ -1,0 +1,146 @@
+"""How an answer agrees with the truth: pairs to pool over runs, and exactness up to exchanges."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import permutations, product
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from mht_slam.arrays import BoolArray, FloatArray, IntArray, finite_number
+from mht_slam.association import MISSED, Association
+from mht_slam.errors import AssociationError
+from mht_slam.measurements import StraightRun, wrap_angle
+
+
+class PairCounts(NamedTuple):
+    """Same-landmark pairs of detections: in both, in the answer, in the truth.
+
+    Counts of several runs add up; precision, recall and F1 of the sum are the pooled ones, which
+    weigh every pair alike, while a mean over runs weighs every run alike.
+    """
+
+    common: int
+    answered: int
+    true: int
+
+    @property
+    def f1(self) -> float:
+        """Harmonic mean of precision and recall; 1.0 where neither has a pair."""
+        total = self.answered + self.true
+        return 2.0 * self.common / total if total else 1.0
+
+
+def pair_counts(answer: Association, truth: Association) -> PairCounts:
+    """Count the same-landmark pairs of detections of an answer and of the truth.
+
+    Raises `AssociationError` for associations of other detections.
+    """
+    answered, true = _pairs(answer.table), _pairs(truth.table)
+    return PairCounts(round(answer.precision(truth) * answered), answered, true)
+
+
+def pooled(counts: Iterable[PairCounts]) -> PairCounts:
+    """Return the sums of the counts of several runs."""
+    common, answered, true = np.array([(0, 0, 0), *counts]).sum(axis=0).tolist()
+    return PairCounts(common, answered, true)
+
+
+def exact_up_to_exchanges(
+    answer: Association, truth: Association, run: StraightRun, within: float
+) -> bool:
+    """Whether the answer has the truth's pairs, were close landmarks allowed to be exchanged.
+
+    In a scan that sees two landmarks of the truth less than `within` radians apart, they may be
+    exchanged from that scan on, or from the next one on: what follows of one continues the other.
+    Several may, and do so independently in every scan; a chain of close landmarks may be exchanged
+    in any way. Exchanges with false alarms are not allowed, and single detections do not count, as
+    in `Association.exact`.
+
+    Raises `AssociationError` unless the three speak of the same detections.
+    """
+    finite_number(within, "within", at_least=0.0)
+    if not answer.n_detections == truth.n_detections == run.n_detections:
+        raise AssociationError(
+            f"answer, truth and run have {answer.n_detections}, {truth.n_detections} and "
+            f"{run.n_detections} detections: give associations of this run"
+        )
+    row_of_answer = _rows_with_pairs(answer)
+    states = {_State(tuple(range(truth.n_landmarks)), (UNSEEN,) * truth.n_landmarks)}
+    for scan in range(len(run)):
+        column = truth.table[:, scan]
+        rows = row_of_answer[scan]
+        seen = np.flatnonzero(column != MISSED)
+        if (np.delete(rows, column[seen]) != MISSED).any():
+            return False  # the answer pairs what the truth calls a false alarm
+        bearings = run.scans[scan].bearings[column[seen]]
+        exchanges = list(_exchanges(seen, bearings, within, truth.n_landmarks))
+        said = dict(zip(seen.tolist(), rows[column[seen]].tolist(), strict=True))
+        begun = {state.exchanged(g) for state in states for g in exchanges}
+        kept = {after for state in begun if (after := state.told(said)) is not None}
+        states = {state.exchanged(g) for state in kept for g in exchanges}
+    return bool(states)
+
+
+UNSEEN = -2
+"""A track that has no detection yet; one detection without a pair makes it MISSED."""
+
+Permutation: TypeAlias = tuple[int, ...]
+
+
+class _State(NamedTuple):
+    """A truth with exchanges so far that the answer may have.
+
+    `track_of` has the track that each landmark continues, `row_of` the answer's row of each track.
+    """
+
+    track_of: Permutation
+    row_of: tuple[int, ...]
+
+    def exchanged(self, exchange: Permutation) -> _State:
+        return _State(tuple(self.track_of[i] for i in exchange), self.row_of)
+
+    def told(self, said: dict[int, int]) -> _State | None:
+        """Return the state after the answer's rows of the landmarks seen; None if they differ."""
+        row_of = list(self.row_of)
+        for landmark, row in said.items():
+            track = self.track_of[landmark]
+            if row_of[track] == UNSEEN and (row == MISSED or row not in row_of):
+                row_of[track] = row
+            elif row == MISSED or row_of[track] != row:
+                return None
+        return _State(self.track_of, tuple(row_of))
+
+
+def _exchanges(
+    seen: IntArray, bearings: FloatArray, within: float, n: int
+) -> Iterator[Permutation]:
+    """Yield all permutations of n landmarks that exchange chains of close ones among themselves."""
+    chains: list[list[int]] = [[i] for i in range(len(seen))]
+    near: BoolArray = np.abs(wrap_angle(bearings[:, None] - bearings)) < within
+    for i, j in zip(*np.nonzero(np.triu(near, 1)), strict=True):
+        one, other = (next(c for c in chains if k in c) for k in (i, j))
+        if one is not other:
+            chains.remove(other)
+            one += other
+    groups = [seen[chain].tolist() for chain in chains if len(chain) > 1]
+    for orders in product(*(permutations(group) for group in groups)):
+        permutation = list(range(n))
+        for group, order in zip(groups, orders, strict=True):
+            for landmark, image in zip(group, order, strict=True):
+                permutation[landmark] = image
+        yield tuple(permutation)
+
+
+def _rows_with_pairs(answer: Association) -> list[IntArray]:
+    """For each scan the answer's row of each detection, MISSED for one without a partner."""
+    lonely = np.flatnonzero((answer.table != MISSED).sum(axis=1) < 2)
+    return [
+        np.where(np.isin(rows, lonely), MISSED, rows) for rows in answer.landmark_of_detection()
+    ]
+
+
+def _pairs(table: IntArray) -> int:
+    sizes = (table != MISSED).sum(axis=1)
+    return int((sizes * (sizes - 1) // 2).sum())
