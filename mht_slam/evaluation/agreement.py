@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import permutations, product
 from typing import NamedTuple, TypeAlias
 
@@ -10,7 +10,8 @@ import numpy as np
 
 from mht_slam.arrays import BoolArray, FloatArray, IntArray, finite_number
 from mht_slam.association import MISSED, Association
-from mht_slam.errors import AssociationError
+from mht_slam.errors import AssociationError, OptionError
+from mht_slam.evaluation.significance import LEVEL, N_RESAMPLES, Interval
 from mht_slam.measurements import StraightRun, wrap_angle
 
 
@@ -47,6 +48,38 @@ def pooled(counts: Iterable[PairCounts]) -> PairCounts:
     return PairCounts(common, answered, true)
 
 
+def pooled_f1_interval(
+    counts: Sequence[PairCounts],
+    *,
+    rng: np.random.Generator,
+    level: float = LEVEL,
+    n_resamples: int = N_RESAMPLES,
+) -> Interval:
+    """Pooled F1 of several runs with its percentile interval under resampling of the runs.
+
+    Raises `OptionError` without runs.
+    """
+    samples = _resampled_f1([counts], rng, n_resamples)[0]
+    return _interval(pooled(counts).f1, samples, level)
+
+
+def pooled_f1_difference(
+    first: Sequence[PairCounts],
+    second: Sequence[PairCounts],
+    *,
+    rng: np.random.Generator,
+    level: float = LEVEL,
+    n_resamples: int = N_RESAMPLES,
+) -> Interval:
+    """Pooled F1 of `first` minus that of `second`, with its paired bootstrap interval.
+
+    Entry i of both is of run i; runs are resampled, the same for both. Raises `OptionError` unless
+    both have the same number of runs, one or more.
+    """
+    ours, theirs = _resampled_f1([first, second], rng, n_resamples)
+    return _interval(pooled(first).f1 - pooled(second).f1, ours - theirs, level)
+
+
 def exact_up_to_exchanges(
     answer: Association, truth: Association, run: StraightRun, within: float
 ) -> bool:
@@ -81,6 +114,29 @@ def exact_up_to_exchanges(
         kept = {after for state in begun if (after := state.told(said)) is not None}
         states = {state.exchanged(g) for state in kept for g in exchanges}
     return bool(states)
+
+
+def _resampled_f1(
+    methods: Sequence[Sequence[PairCounts]], rng: np.random.Generator, n_resamples: int
+) -> list[FloatArray]:
+    """For each method the (n_resamples,) pooled F1 of runs drawn with replacement."""
+    n = len(methods[0])
+    if not n or any(len(counts) != n for counts in methods):
+        lengths = [len(counts) for counts in methods]
+        raise OptionError(f"counts of {lengths} runs: give the same runs to both, one at least")
+    times = rng.multinomial(n, np.full(n, 1.0 / n), size=n_resamples)
+    samples: list[FloatArray] = []
+    for counts in methods:
+        common, answered, true = (times @ np.array(counts)).T
+        total = answered + true
+        samples.append(np.where(total > 0, 2.0 * common / np.maximum(total, 1), 1.0))
+    return samples
+
+
+def _interval(estimate: float, samples: FloatArray, level: float) -> Interval:
+    tail = (1.0 - finite_number(level, "level", above=0.0, below=1.0)) / 2.0
+    low, high = np.quantile(samples, [tail, 1.0 - tail])
+    return Interval(estimate, float(low), float(high))
 
 
 UNSEEN = -2

@@ -5,13 +5,21 @@ from __future__ import annotations
 import itertools
 from typing import TypeAlias
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mht_slam.association import MISSED, Association
-from mht_slam.errors import AssociationError
-from mht_slam.evaluation.agreement import PairCounts, exact_up_to_exchanges, pair_counts, pooled
+from mht_slam.errors import AssociationError, OptionError
+from mht_slam.evaluation.agreement import (
+    PairCounts,
+    exact_up_to_exchanges,
+    pair_counts,
+    pooled,
+    pooled_f1_difference,
+    pooled_f1_interval,
+)
 from mht_slam.measurements import BearingScan, StraightRun
 
 WITHIN = 0.1
@@ -50,6 +58,27 @@ def test_pooling_weighs_pairs_and_not_runs() -> None:
     assert counts == (1, 6, 4)
     assert counts.f1 == pytest.approx(0.2)
     assert pooled([]).f1 == 1.0
+
+
+def test_the_interval_of_a_pooled_f1_is_that_of_runs_drawn_again() -> None:
+    counts = [PairCounts(8, 10, 10), PairCounts(1, 2, 3), PairCounts(5, 5, 9)]
+    drawn = sorted(
+        pooled(draw).f1 for draw in itertools.product(counts, repeat=3)
+    )  # all 27 draws are alike probable
+    interval = pooled_f1_interval(counts, rng=np.random.default_rng(1), level=0.9)
+    assert interval.estimate == pooled(counts).f1
+    np.testing.assert_allclose(interval[1:], np.quantile(drawn, [0.05, 0.95]), atol=0.02)
+
+
+def test_the_difference_of_pooled_f1_pairs_the_runs() -> None:
+    good = [PairCounts(9, 10, 10), PairCounts(1, 10, 10), PairCounts(5, 10, 10)]
+    worse = [PairCounts(count.common - 1, 10, 10) for count in good]
+    difference = pooled_f1_difference(good, worse, rng=np.random.default_rng(0))
+    np.testing.assert_allclose(difference, [0.1, 0.1, 0.1])  # though F1 itself varies widely
+    with pytest.raises(OptionError, match="same runs"):
+        pooled_f1_difference(good, worse[:2], rng=np.random.default_rng(0))
+    with pytest.raises(OptionError, match="one at least"):
+        pooled_f1_interval([], rng=np.random.default_rng(0))
 
 
 def exchanged_truths(labels: list[list[int]], bearings: list[list[float]]) -> set[Association]:
