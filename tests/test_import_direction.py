@@ -15,7 +15,16 @@ REPOSITORY = Path(__file__).parents[1]
 VALUES = ["errors", "arrays", "progress", "measurements", "association", "models", "hypotheses"]
 FOUNDATION = [*VALUES, "comparison", "compiled"]
 READERS_OF_THE_VALUES = ["simulation", "datasets"]
-MAIN_JOB = ["consistency", "polygon", "evidence", "factors", "graph", "tracking", "pipeline"]
+MAIN_JOB = [
+    "consistency",
+    "polygon",
+    "evidence",
+    "factors",
+    "graph",
+    "tree",
+    "tracking",
+    "pipeline",
+]
 AROUND_IT = ["incremental", "evaluation", "plotting", "cli"]
 
 MAY_IMPORT: dict[str, set[str]] = {
@@ -35,6 +44,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "evidence": {*FOUNDATION, "consistency"},
     "factors": set(),
     "graph": {*FOUNDATION, "consistency", "evidence", "factors"},  # polygon would bring shapely
+    "tree": {*FOUNDATION, "evidence", "factors", "graph"},
     "tracking": {*FOUNDATION, "consistency"},  # graph would bring GTSAM along
     "pipeline": {*FOUNDATION, *MAIN_JOB},
     "incremental": {*FOUNDATION, *MAIN_JOB},
@@ -45,7 +55,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 """The packages and modules of mht_slam that each one may import, besides itself."""
 
 ONLY_IN = {
-    "gtsam": {"graph", "factors", "incremental"},
+    "gtsam": {"graph", "factors", "tree", "incremental"},
     "shapely": {"hypotheses", "consistency", "polygon", "plotting", "pipeline"},
     "numba": {"compiled"},
     "matplotlib": {"plotting", "cli"},

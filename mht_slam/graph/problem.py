@@ -69,6 +69,10 @@ class Problem:
         """Motion before each scan but the first."""
         return tuple(scan.odometry for scan in self.scans[1:] if scan.odometry is not None)
 
+    def part(self, start: int, stop: int) -> Problem:
+        """Return the problem of scans `start` to `stop` - 1 alone, of one run."""
+        return replace(self, scans=self.scans[start:stop], sigmas=self.sigmas[start:stop])
+
     def sightings(self, table: IntArray) -> Sightings:
         """Return the bearings of an (n, m) association table, row by row."""
         seen = table != MISSED

@@ -1,0 +1,1 @@
+"""The hypothesis tree over the scans of a run: propose, associate, solve, prune."""
