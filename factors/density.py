@@ -48,7 +48,8 @@ def log_normaliser(factor: gtsam.NonlinearFactor) -> float:
 def _log_normaliser_of_t(noise: gtsam.noiseModel.Robust) -> float:
     """Of one residual with Cauchy's loss.
 
-    ln Gamma((nu + 1) / 2) - ln Gamma(nu / 2) - ln(nu pi) / 2 - ln sigma, with nu = k^2 - 1. Cauchy's weight at 1 is k^2 / (k^2 + 1), which tells k.
+    ln Gamma((nu + 1) / 2) - ln Gamma(nu / 2) - ln(nu pi) / 2 - ln sigma, with nu = k^2 - 1.
+    Cauchy's weight at 1 is k^2 / (k^2 + 1), which tells k.
     """
     loss = noise.robust()
     if not isinstance(loss, gtsam.noiseModel.mEstimator.Cauchy):

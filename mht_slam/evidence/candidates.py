@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.special import logsumexp
 
+from mht_slam.arrays import FloatArray
 from mht_slam.association import MISSED, Association
 from mht_slam.errors import AssociationError, OptionError
+from mht_slam.evidence.visibility import detection_chances, log_visibility
 from mht_slam.hypotheses import Hypothesis, Posterior, RankedAssociation, Ranking
 from mht_slam.measurements import RunPair, StraightRun
 from mht_slam.models import ObservationModel
@@ -19,10 +21,18 @@ from mht_slam.models import ObservationModel
 Candidates: TypeAlias = Ranking | Posterior | Iterable[Association | RankedAssociation | Hypothesis]
 
 
+class Candidate(NamedTuple):
+    """An association to weigh, its polygon score, and an estimate to start from, where known."""
+
+    association: Association
+    score: float | None
+    start: tuple[FloatArray, FloatArray] | None = None
+
+
 def distinct_candidates(
     run: StraightRun | RunPair, candidates: Candidates, scans: Sequence[int] | None = None
-) -> tuple[tuple[int, ...], list[tuple[Association, float | None]]]:
-    """Return scan indices, and every different candidate with its polygon score.
+) -> tuple[tuple[int, ...], list[Candidate]]:
+    """Return scan indices, and every different candidate.
 
     The scans are those of a `Ranking` or `Posterior`, else `scans`, else all of the run. Raises
     `AssociationError` for candidates of other scans, or something else than candidates.
@@ -35,28 +45,39 @@ def distinct_candidates(
                 f"{len(run) - 1}: give candidates of this run"
             )
         chosen = candidates.scans
-    elif not isinstance(candidates, Iterable):
+    elif not isinstance(candidates, Iterable) or (
+        isinstance(candidates, np.ndarray) and candidates.ndim == 0
+    ):
         raise AssociationError(
             f"candidates is {type(candidates).__name__}: give a Ranking, or a list of associations"
         )
     expected = tuple(run.n_detections[i] for i in chosen)
-    scores: dict[Association, float | None] = {}
+    different: dict[Association, Candidate] = {}
     for i, candidate in enumerate(candidates):
         if isinstance(candidate, Association):
-            association, score = candidate, None
-        elif isinstance(candidate, RankedAssociation | Hypothesis):
-            association, score = candidate.association, candidate.score
+            known = Candidate(candidate, None)
+        elif isinstance(candidate, RankedAssociation):
+            known = Candidate(candidate.association, candidate.score)
+        elif isinstance(candidate, Hypothesis):
+            known = Candidate(candidate.association, candidate.score, _estimate_of(candidate))
         else:
             raise AssociationError(
                 f"candidates[{i}] is {type(candidate).__name__}: give a Ranking or associations"
             )
-        if association.n_detections != expected:
+        counts = known.association.n_detections
+        if counts != expected:
             raise AssociationError(
-                f"candidates[{i}] is over scans with {association.n_detections} detections, the "
-                f"run has {expected}: give associations over the run's scans"
+                f"candidates[{i}] is over scans with {counts} detections, the run has {expected}: "
+                "give associations over the run's scans"
             )
-        scores.setdefault(association, score)
-    return chosen, list(scores.items())
+        different.setdefault(known.association, known)
+    return chosen, list(different.values())
+
+
+def _estimate_of(hypothesis: Hypothesis) -> tuple[FloatArray, FloatArray] | None:
+    if hypothesis.poses is None or hypothesis.landmarks is None:
+        return None
+    return hypothesis.poses, hypothesis.landmarks
 
 
 def stated_model(
@@ -107,12 +128,21 @@ def check_sizes(associations: Iterable[Association], model: ObservationModel) ->
         )
 
 
-def size_weight(association: Association, model: ObservationModel) -> float:
-    """Log weight of landmarks, detections, misses and false alarms; 0 where not modelled."""
+def size_weight(
+    association: Association, model: ObservationModel, bearings: FloatArray | None = None
+) -> float:
+    """Log weight of landmarks, detections, misses and false alarms; 0 where not modelled.
+
+    `bearings` (n, m), under which the scans would see the landmarks, tell which of them are outside
+    a limited field of view; without them all count as inside.
+    """
     if not model.compares_sizes:
         return 0.0
-    misses = (association.table == MISSED).sum(axis=1).tolist()
-    landmarks = sum(landmark_weight(model, association.n_scans - n, n) for n in misses)
+    assert model.expected_landmarks is not None  # noqa: S101 - narrows the type
+    seen = np.asarray(association.table != MISSED)
+    chances = detection_chances(model, seen, np.zeros(seen.shape) if bearings is None else bearings)
+    landmarks = float(log_visibility(seen, chances, model.stay_probability).sum())
+    landmarks += len(seen) * math.log(model.expected_landmarks)
     return landmarks + false_alarm_term(association, model)
 
 

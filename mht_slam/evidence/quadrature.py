@@ -28,6 +28,8 @@ from mht_slam.progress import Progress
 
 DEFAULT_SCANS = (0, 1, 2)
 WORK_LIMIT = 20_000
+RESOLVED_SIGMA = 1e-3
+"""The smallest sigma, radians: of narrower ones the tables may miss the bumps in ln r altogether."""
 
 
 def evidence_by_quadrature(
@@ -61,7 +63,7 @@ def evidence_by_quadrature(
     or the model rule out has log evidence -inf and its `failure`.
 
     Raises `OptionError` for a `RunPair`, a model whose headings or lateral deviations vary, where
-    no sigma is known, or where candidates differ in size and the model does not say what that
+    no sigma is known or one is below 1e-3 radians, or where candidates differ in size and the model does not say what that
     costs; `AssociationError` for candidates of other scans; `MeasurementError` for `scans` that do
     not exist.
 
@@ -82,14 +84,14 @@ def evidence_by_quadrature(
     chosen = scan_selection(own, len(run), exactly=3)
     _, pairs = distinct_candidates(run, candidates, chosen)
     full_model = _strict(stated_model(run, chosen, sigma, 0.0, 0.0, model))
-    check_sizes([association for association, _ in pairs], full_model)
+    check_sizes([pair.association for pair in pairs], full_model)
     members = tuple(run.scans[i] for i in chosen)
-    rows = {tuple(row) for association, _ in pairs for row in association.table.tolist()}
+    rows = {tuple(row) for pair in pairs for row in pair.association.table.tolist()}
     entries = np.array(sorted(rows), dtype=np.int64).reshape(-1, 3)
     table = tabulate(members, _sigmas(members, full_model), full_model, entries)
     index = {tuple(row): i for i, row in enumerate(entries.tolist())}
     hypotheses = []
-    for done, (association, score) in enumerate(pairs, start=1):
+    for done, (association, score, _) in enumerate(pairs, start=1):
         failure = None
         weight = size_weight(association, full_model)
         evidence = -math.inf
@@ -217,14 +219,29 @@ def _strict(model: ObservationModel) -> ObservationModel:
                 "since only then one step ratio couples the landmarks; use refine, which samples "
                 f"the deviations, or set {name} to 0"
             )
+    simple = ObservationModel(sigma=model.sigma)
+    for name in ("motion", "bearing_dof", "stay_probability", "field_of_view"):
+        if getattr(model, name) != getattr(simple, name):
+            raise OptionError(
+                f"{name} is {getattr(model, name)}: quadrature takes straight motion, Gaussian "
+                "bearings, and landmarks that stay in view all round; use refine"
+            )
     return model
 
 
 def _sigmas(members: tuple[BearingScan, ...], model: ObservationModel) -> tuple[FloatArray, ...]:
-    return tuple(
+    """For each scan the sigmas of its detections; raises where the tables do not resolve them."""
+    sigmas = tuple(
         freeze(np.full(len(scan), model.sigma)) if scan.sigma is None else scan.sigma
         for scan in members
     )
+    least = min(float(sigma.min(initial=np.pi)) for sigma in sigmas)
+    if least < RESOLVED_SIGMA:
+        raise OptionError(
+            f"sigma is {least:g}: quadrature resolves bearings down to {RESOLVED_SIGMA:g} radians; "
+            "use refine, which integrates about the estimate"
+        )
+    return sigmas
 
 
 def _check_limits(

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from scipy.special import erf
 
-from mht_slam.arrays import BoolArray, FloatArray
+from mht_slam.arrays import BoolArray, FloatArray, finite_number
+from mht_slam.measurements import wrap_angle
 from mht_slam.models import ObservationModel
 
 
@@ -57,6 +58,28 @@ def log_visibility(
         log_scale = log_scale + np.log(shrink)
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(begun + ended) + log_scale)
+
+
+def detection_chances(
+    model: ObservationModel, seen: BoolArray, bearings: FloatArray
+) -> FloatArray | float:
+    """Detection probability of each landmark in each scan: none outside the field of view.
+
+    `bearings` (n, m) are those under which the scans would see the landmarks. A landmark that was
+    `seen` was inside, wherever its estimate says it lies. Raises `OptionError` for a model without
+    a detection probability.
+    """
+    chance = finite_number(model.detection_probability, "detection_probability")
+    if model.field_of_view >= 2.0 * math.pi:
+        return chance
+    inside = np.abs(bearings) <= 0.5 * model.field_of_view
+    return np.where(seen | inside, chance, 0.0)
+
+
+def sightlines(poses: FloatArray, points: FloatArray) -> FloatArray:
+    """(n, m) bearings under which (m, 3) poses see (n, 2) points."""
+    offset = points[:, None, :] - poses[None, :, :2]
+    return wrap_angle(np.arctan2(offset[..., 1], offset[..., 0]) - poses[:, 2])
 
 
 def expected_detected(model: ObservationModel, n_scans: int) -> float:

@@ -39,14 +39,20 @@ class SingularGraphError(ArithmeticError):
     """The Hessian is not positive definite, or too ill-conditioned to be trusted."""
 
 
-def laplace(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> Laplace:
+def laplace(
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    curvature: gtsam.NonlinearFactorGraph | None = None,
+) -> Laplace:
     """Approximate the integral of a graph's density over all its variables.
 
     log Z = log p(Z, theta^) + (d / 2) log 2 pi - (1 / 2) log |H| with the Gauss-Newton Hessian H
     of the graph at the optimum theta^ and d unknowns (docs/method.md, section 4). All normalisers
-    are kept. Raises `SingularGraphError` naming the offending eigenvalues.
+    are kept. Where the optimum is one over other coordinates, `curvature` is the graph with the
+    volumes of these, whose Hessian counts. Raises `SingularGraphError` naming the offending
+    eigenvalues.
     """
-    hessian = graph.linearize(values).hessian()[0]
+    hessian = (graph if curvature is None else curvature).linearize(values).hessian()[0]
     if not np.isfinite(hessian).all():
         raise SingularGraphError("the Hessian at the optimum is not finite")
     diagonal = np.diag(hessian)

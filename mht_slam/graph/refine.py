@@ -10,10 +10,11 @@ from typing import Any, get_args
 
 import numpy as np
 
-from mht_slam.arrays import freeze
+from mht_slam.arrays import freeze, one_of
 from mht_slam.association import MISSED, Association, respects_labels
 from mht_slam.errors import OptionError
 from mht_slam.evidence.candidates import (
+    Candidate,
     Candidates,
     check_sizes,
     distinct_candidates,
@@ -22,6 +23,7 @@ from mht_slam.evidence.candidates import (
     stated_model,
     with_probabilities,
 )
+from mht_slam.evidence.visibility import sightlines
 from mht_slam.graph.build import build_graph, graph_keys, make_values
 from mht_slam.graph.problem import Problem, make_problem
 from mht_slam.graph.solve import Estimate, EvidenceMethod, UnsolvedError, solve_association
@@ -98,10 +100,9 @@ def refine(
     if not isinstance(run, StraightRun | RunPair):
         raise OptionError(f"run is {type(run).__name__}: give a StraightRun or a RunPair")
     scans, pairs = distinct_candidates(run, candidates)
-    if evidence not in get_args(EvidenceMethod):
-        raise OptionError(f"evidence is {evidence!r}: give one of {get_args(EvidenceMethod)}")
+    one_of(evidence, "evidence", get_args(EvidenceMethod))
     full_model = stated_model(run, scans, sigma, heading_sigma, lateral_sigma, model)
-    check_sizes([association for association, _ in pairs], full_model)
+    check_sizes([pair.association for pair in pairs], full_model)
     problem = make_problem(run, scans, full_model, scale)
     hypotheses = list(_hypotheses(problem, pairs, evidence, executor, progress))
     return Posterior(
@@ -114,7 +115,7 @@ def refine(
 
 def _hypotheses(
     problem: Problem,
-    pairs: list[tuple[Association, float | None]],
+    pairs: list[Candidate],
     evidence: EvidenceMethod,
     executor: Executor | None,
     progress: Progress | None,
@@ -122,7 +123,7 @@ def _hypotheses(
     """Solve the candidates in their order, in chunks where an executor does the work."""
     if executor is None:
         batches: Iterable[list[Hypothesis]] = (
-            [_solve_one(problem, evidence, *pair)] for pair in pairs
+            [_solve_one(problem, evidence, pair)] for pair in pairs
         )
     else:
         chunks = [pairs[i : i + CHUNK] for i in range(0, len(pairs), CHUNK)]
@@ -136,30 +137,30 @@ def _hypotheses(
 
 
 def _solve_chunk(
-    problem: Problem, evidence: EvidenceMethod, pairs: list[tuple[Association, float | None]]
+    problem: Problem, evidence: EvidenceMethod, pairs: list[Candidate]
 ) -> list[Hypothesis]:
-    return [_solve_one(problem, evidence, *pair) for pair in pairs]
+    return [_solve_one(problem, evidence, pair) for pair in pairs]
 
 
-def _solve_one(
-    problem: Problem, evidence: EvidenceMethod, association: Association, score: float | None
-) -> Hypothesis:
+def _solve_one(problem: Problem, evidence: EvidenceMethod, candidate: Candidate) -> Hypothesis:
+    association, score, start = candidate
     failed = partial(Hypothesis, association, score, -math.inf, -math.inf, 0.0)
     if not respects_labels(association, problem.scans):
         return failed("it contradicts the detections' labels")
-    weight = size_weight(association, problem.model)
-    if weight == -math.inf:
+    if size_weight(association, problem.model) == -math.inf:
         return failed("the model rules out its misses or false alarms")
     try:
         # Extreme models overflow on the way; what matters is whether the outcome is finite.
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            estimate = solve_association(problem, association.table, evidence)
+            estimate = solve_association(problem, association.table, evidence, start)
     except UnsolvedError as cause:
         return failed(str(cause))
     except OverflowError:
         return failed(BEYOND_FLOATS)
     if not (math.isfinite(estimate.log_evidence) and math.isfinite(estimate.log_likelihood)):
         return failed(BEYOND_FLOATS)
+    bearings = sightlines(estimate.poses, estimate.landmarks)
+    weight = size_weight(association, problem.model, bearings)
     return Hypothesis(
         association=association,
         score=score,

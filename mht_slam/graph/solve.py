@@ -11,7 +11,6 @@ import gtsam
 import numpy as np
 from scipy import stats
 
-from mht_slam import factors
 from mht_slam.arrays import BoolArray, FloatArray, IntArray
 from mht_slam.association import MISSED
 from mht_slam.evidence.importance import Integral
@@ -24,6 +23,7 @@ from mht_slam.graph.build import (
 )
 from mht_slam.graph.initial import Start, starting_points
 from mht_slam.graph.laplace import SingularGraphError, laplace
+from mht_slam.graph.log_range import optimise_in_log_range
 from mht_slam.graph.marginal import marginal_log_evidence
 from mht_slam.graph.motion import log_density_outside
 from mht_slam.graph.problem import Problem, Sightings
@@ -36,9 +36,8 @@ HOPELESS_RESIDUAL = 6.0
 NEAREST_RANGE = 0.01
 """Range, in baselines, below which a landmark counts as lying on the observation point."""
 MAX_RELINEARISATIONS = 10
-MAX_RANGE_RELINEARISATIONS = 40
 RELINEARISED = 1e-4
-"""Relative change of steps and ranges below which linearised factors are taken as exact.
+"""Relative change of steps below which linearised factors are taken as exact.
 
 The value of such a factor changes by the square of it.
 """
@@ -83,11 +82,12 @@ def solve_association(
     """Estimate poses and landmarks of one association from its best start.
 
     `evidence` says how the evidence is computed, see `mht_slam.graph.refine.refine`. `start`, poses
-    (m, 3) and landmarks (n, 2), saves looking for one.
+    (m, 3) and landmarks (n, 2) in any unit, saves looking for one.
 
     With wandering headings the optimum over positions may lie on an observation point, where a
     landmark explains any bearing. The optimum over bearings and log ranges is taken then; Laplace
-    at that point is Laplace in those coordinates, because the Jacobians cancel.
+    at that point is Laplace in those coordinates, because the Jacobians cancel. With motion other
+    than ``straight`` it is always taken: far landmarks are less skewed there, too.
 
     Raises `UnsolvedError` where the optimiser fails from every start, a number is not finite, a
     landmark lies behind a bearing that sees it, the robot goes backwards, or the Hessian is
@@ -99,7 +99,10 @@ def solve_association(
     """
     ranged = (table != MISSED).sum(axis=1) >= 2
     if start is not None:
-        start = start[0], start[1][ranged]
+        poses, landmarks = start
+        length = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
+        unit = 1.0 if problem.model.motion == "odometry" else problem.baseline / length
+        start = poses * np.array([unit, unit, 1.0]), unit * landmarks[ranged]
     estimate = _solve_ranged(problem, table[ranged], evidence, start)
     return estimate if ranged.all() else _with_single_sightings(problem, table, ranged, estimate)
 
@@ -107,7 +110,13 @@ def solve_association(
 def _solve_ranged(
     problem: Problem, table: IntArray, evidence: EvidenceMethod, start: Start | None
 ) -> Estimate:
-    starts = starting_points(problem, table) if start is None else [start]
+    if problem.model.motion != "straight":
+        starts = starting_points(problem, table) if start is None else [start]
+        optima, failures = _optima(problem, table, starts, in_log_range=True)
+        if not optima:
+            raise UnsolvedError(str(failures[0]).strip().splitlines()[0]) from failures[0]
+        return _estimate(problem, table, min(optima, key=lambda o: o.error), evidence)
+    starts = starting_points(problem, table)
     optima, failures = _optima(problem, table, starts)
     trapped = any(isinstance(failure, TrappedError) for failure in failures)
     if not optima and trapped:
@@ -122,10 +131,14 @@ def _solve_ranged(
 
 @dataclass(frozen=True)
 class _Optimum:
-    """Where the optimiser stopped, after the checks."""
+    """Where the optimiser stopped, after the checks.
+
+    `with_volumes` is the graph of an optimum over log ranges, None for one over positions.
+    """
 
     error: float
     values: gtsam.Values
+    with_volumes: gtsam.NonlinearFactorGraph | None
     poses: FloatArray
     landmarks: FloatArray
     residuals: FloatArray
@@ -158,29 +171,27 @@ def _optimise(
 ) -> _Optimum:
     """Levenberg-Marquardt, repeated until the linearised factors stand still.
 
-    Those are the step priors and, with `in_log_range`, the volumes that turn each landmark's
-    density over position into one over bearing and log range, whose optimum is never on a pose.
+    Those are the step priors and, with `in_log_range`, the volumes of `optimise_in_log_range`.
     """
     keys = graph_keys(len(problem.scans), len(table))
     sightings = problem.sightings(table)
     values = make_values(poses, landmarks)
     parameters = gtsam.LevenbergMarquardtParams.CeresDefaults()
-    for _ in range(MAX_RANGE_RELINEARISATIONS if in_log_range else MAX_RELINEARISATIONS):
-        steps, ranges = _steps(problem, poses), _ranges(sightings, poses, landmarks)
+    with_volumes: gtsam.NonlinearFactorGraph | None = None
+    nearest = _ranges(sightings, poses, landmarks).argmin(axis=1).tolist()
+    anchors = [(keys.scans[k], key) for k, key in zip(nearest, keys.landmarks, strict=True)]
+    for _ in range(MAX_RELINEARISATIONS):
+        steps = _steps(problem, poses)
         graph = build_graph(problem, table, poses)
         if in_log_range:
-            anchors = ranges.argmin(axis=1)
-            for key, scan, nearest in zip(keys.landmarks, anchors, ranges.min(axis=1), strict=True):
-                graph.push_back(factors.log_range_volume(keys.scans[scan], key, nearest))
-        values = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
+            values, with_volumes = optimise_in_log_range(graph, values, anchors, parameters)
+        else:
+            values = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
         poses = _poses(values, keys)
         landmarks = np.array([values.atPoint2(key) for key in keys.landmarks]).reshape(-1, 2)
         if not in_log_range:
             _check_ranges(problem, sightings, poses, landmarks)
         moved = np.abs(_steps(problem, poses) / steps - 1.0).max(initial=0.0)
-        if in_log_range:
-            approach = _ranges(sightings, poses, landmarks)[sightings.seen] / ranges[sightings.seen]
-            moved = max(moved, np.abs(approach - 1.0).max(initial=0.0))
         if moved <= RELINEARISED:
             break
     error = build_graph(problem, table, poses).error(values)
@@ -189,7 +200,7 @@ def _optimise(
     residuals = _residuals(sightings, poses, landmarks)
     _check_sides(problem, sightings, residuals, poses)
     _check_ranges(problem, sightings, poses, landmarks)
-    return _Optimum(error, values, poses, landmarks, residuals)
+    return _Optimum(error, values, with_volumes, poses, landmarks, residuals)
 
 
 def _estimate(
@@ -198,7 +209,9 @@ def _estimate(
     sightings = problem.sightings(table)
     poses, residuals = optimum.poses, optimum.residuals
     try:
-        approximation = laplace(build_graph(problem, table, poses), optimum.values)
+        approximation = laplace(
+            build_graph(problem, table, poses), optimum.values, optimum.with_volumes
+        )
     except SingularGraphError as cause:
         raise UnsolvedError(str(cause)) from cause
     landmark_covariances, joint = _split_covariance(approximation.covariance, poses)

@@ -13,7 +13,13 @@ from gtsam.symbol_shorthand import L, X
 from mht_slam import factors
 from mht_slam.arrays import BoolArray, FloatArray, IntArray
 from mht_slam.association import MISSED
-from mht_slam.evidence.visibility import log_bearing_density, log_visibility
+from mht_slam.evidence.visibility import (
+    detection_chances,
+    log_bearing_density,
+    log_visibility,
+    sightlines,
+)
+from mht_slam.graph.log_range import optimise_in_log_range
 from mht_slam.graph.motion import log_density_outside, motion_factors
 from mht_slam.graph.problem import Problem
 from mht_slam.measurements import wrap_angle
@@ -235,18 +241,12 @@ def solved(
     """Optimise a graph and score what comes out; raises `LostError`."""
     k = table.shape[1]
     problem = setting.problem.part(0, k)
-    anchors = (table != MISSED).argmax(axis=1).tolist()
-    keys = [(X(scan), L(n)) for scan, n in zip(anchors, landmarks.tolist(), strict=True)]
+    first = (table != MISSED).argmax(axis=1).tolist()
+    anchors = [(X(scan), L(n)) for scan, n in zip(first, landmarks.tolist(), strict=True)]
     try:
-        ranges = _ranges(values, keys)
-        for _ in range(MAX_ROUNDS):
-            with_volumes = gtsam.NonlinearFactorGraph(graph)
-            for (pose, point), around in zip(keys, ranges, strict=True):
-                with_volumes.push_back(factors.log_range_volume(pose, point, around))
-            values = gtsam.LevenbergMarquardtOptimizer(with_volumes, values, PARAMETERS).optimize()
-            before, ranges = ranges, _ranges(values, keys)
-            if all(abs(math.log(a / b)) < SETTLED for a, b in zip(ranges, before, strict=True)):
-                break
+        values, with_volumes = optimise_in_log_range(
+            graph, values, anchors, PARAMETERS, settled=SETTLED, max_rounds=MAX_ROUNDS
+        )
         hessian = with_volumes.linearize(values).hessian()[0]
     except (RuntimeError, ValueError) as cause:
         raise LostError(str(cause).strip().splitlines()[0]) from cause
@@ -285,13 +285,6 @@ def solved(
     )
 
 
-def _ranges(values: gtsam.Values, keys: Sequence[tuple[int, int]]) -> list[float]:
-    """Distance of each landmark from the pose that saw it first."""
-    return [
-        max(float(values.atPose2(pose).range(values.atPoint2(point))), 1e-6) for pose, point in keys
-    ]
-
-
 def log_pattern(
     setting: Setting,
     poses: FloatArray,
@@ -302,7 +295,7 @@ def log_pattern(
     """Log weight of what was detected, missed, and left single."""
     model = setting.problem.model
     seen = np.asarray(table != MISSED)
-    chance = detection_chances(setting.problem, seen, bearings)
+    chance = detection_chances(model, seen, bearings)
     assert model.expected_landmarks is not None  # noqa: S101 - see `Setting.lonely`
     total = float(log_visibility(seen, chance, model.stay_probability).sum())
     total += len(table) * math.log(model.expected_landmarks)
@@ -322,24 +315,6 @@ def single_weights(setting: Setting, poses: FloatArray, singles: IntArray) -> Fl
     )
     with np.errstate(divide="ignore"):
         return np.asarray(np.logaddexp(once, np.log(model.false_alarm_rate)))
-
-
-def detection_chances(
-    problem: Problem, seen: BoolArray, bearings: FloatArray
-) -> FloatArray | float:
-    """Detection probability of each landmark in each scan: none outside the field of view."""
-    model = problem.model
-    assert model.detection_probability is not None  # noqa: S101 - see `Setting.lonely`
-    if model.field_of_view >= 2.0 * math.pi:
-        return model.detection_probability
-    inside = np.abs(bearings) <= 0.5 * model.field_of_view
-    return np.where(seen | inside, model.detection_probability, 0.0)
-
-
-def sightlines(poses: FloatArray, points: FloatArray) -> FloatArray:
-    """(n, k) bearings under which the poses see the points."""
-    offset = points[:, None, :] - poses[None, :, :2]
-    return wrap_angle(np.arctan2(offset[..., 1], offset[..., 0]) - poses[:, 2])
 
 
 def newest_motion_factors(problem: Problem, poses: FloatArray) -> list[gtsam.NonlinearFactor]:

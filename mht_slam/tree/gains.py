@@ -8,9 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from mht_slam.arrays import FloatArray
-from mht_slam.evidence.visibility import log_bearing_density, log_visibility
+from mht_slam.evidence.visibility import (
+    detection_chances,
+    log_bearing_density,
+    log_visibility,
+    sightlines,
+)
 from mht_slam.measurements import wrap_angle
-from mht_slam.tree.branch import Branch, detection_chances, sightlines, single_weights
+from mht_slam.tree.branch import Branch, single_weights
 from mht_slam.tree.proposals import Proposals
 from mht_slam.tree.setting import Setting
 
@@ -54,7 +59,7 @@ def match_gains(setting: Setting, branch: Branch, proposals: Proposals) -> Gains
 
     seen = branch.seen
     chances = np.broadcast_to(
-        detection_chances(setting.problem, seen, sightlines(branch.poses, branch.points)),
+        detection_chances(model, seen, sightlines(branch.poses, branch.points)),
         seen.shape,
     )
     if n:
