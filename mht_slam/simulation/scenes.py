@@ -10,7 +10,14 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
-from mht_slam.arrays import FloatArray, finite_array, finite_number, freeze, whole_number
+from mht_slam.arrays import (
+    BoolArray,
+    FloatArray,
+    finite_array,
+    finite_number,
+    freeze,
+    whole_number,
+)
 from mht_slam.association import MISSED, Association
 from mht_slam.errors import OptionError
 from mht_slam.measurements import MIN_RUN_SCANS, BearingScan, RunPair, StraightRun, wrap_angle
@@ -94,10 +101,11 @@ def simulate_scene(
     ----------
     kind : "annulus", "one_sided" (with steps 4 and 5 of its unit, see `worlds.one_sided`),
         "corridor", "clusters", or "model": everything drawn from `model` (docs/method.md,
-        section 4): landmarks, steps, headings, lateral deviations, noise, misses, false alarms.
-        Detection terms that the model leaves out mean that every landmark is seen.
-    n_landmarks : number of landmarks. For a `model` that states `expected_landmarks` it may be
-        None: then it is Poisson.
+        section 4): landmarks, how long each is in view, poses, noise, misses, false alarms.
+        Detection terms that the model leaves out mean that every landmark is seen. Its motion is
+        ``straight`` or ``smooth``; steps are given or drawn for ``straight`` only.
+    n_landmarks : number of landmarks, over all scans. For a `model` that states
+        `expected_landmarks` it may be None: then it is Poisson.
     epsilon, sigma, sensor : give one, and none for kind "model". Uniform noise strictly inside
         epsilon radians; Gaussian noise of sigma radians; or a `Sensor`. The first two see
         every landmark.
@@ -192,9 +200,18 @@ def observe_scene(
     sensor: Sensor,
     rng: np.random.Generator,
     model: ObservationModel | None = None,
+    present: BoolArray | None = None,
 ) -> Scene:
-    """Look at `landmarks` (n, 2) from every pose (m, 3) and keep the truth, as a `Scene`."""
-    observations = [sensor.observe(pose, landmarks, rng) for pose in poses]
+    """Look at `landmarks` (n, 2) from every pose (m, 3) and keep the truth, as a `Scene`.
+
+    `present` (m, n) says which landmark is there when; None means all of them always.
+    """
+    if present is None:
+        present = np.ones((len(poses), len(landmarks)), dtype=np.bool_)
+    observations = [
+        _observe_present(sensor, pose, landmarks, there, rng)
+        for pose, there in zip(poses, present, strict=True)
+    ]
     truth = Association.from_labels(
         [
             [None if label == MISSED else label for label in seen.landmark_of_detection.tolist()]
@@ -216,6 +233,21 @@ def observe_scene(
     )
 
 
+def _observe_present(
+    sensor: Sensor,
+    pose: FloatArray,
+    landmarks: FloatArray,
+    there: BoolArray,
+    rng: np.random.Generator,
+) -> Observation:
+    """Look at the landmarks that are there; their indices stay those among all."""
+    seen = sensor.observe(pose, landmarks[there], rng)
+    real = seen.landmark_of_detection != MISSED
+    labels = np.full(len(real), MISSED, dtype=np.int64)
+    labels[real] = np.flatnonzero(there)[seen.landmark_of_detection[real]]
+    return Observation(seen.scan, freeze(labels))
+
+
 def _landmark_of_row(truth: Association, observations: list[Observation]) -> list[int]:
     """Index of the landmark behind each row of the truth, which sorts its rows."""
     rows = []
@@ -234,25 +266,51 @@ def _scene_of_model(
 ) -> Scene:
     if model is None:
         raise OptionError("kind 'model' needs model: give the ObservationModel to draw from")
+    leave = 1.0 - model.stay_probability
     if n_landmarks is None:
         if model.expected_landmarks is None:
             raise OptionError(
                 "n_landmarks is None and model states no expected_landmarks: give one of them"
             )
-        n_landmarks = int(rng.poisson(model.expected_landmarks))
+        ever_there = 1.0 + (n_scans - 1) * leave
+        n_landmarks = int(rng.poisson(model.expected_landmarks * ever_there))
     landmarks = worlds.from_prior(n_landmarks, rng, model)
-    lengths = (
-        trajectories.draw_steps(
-            n_scans - 2, rng, log_mean=model.log_step_mean, log_sigma=model.log_step_sigma
-        )
-        if steps is None
-        else _given_steps(steps, n_scans)
-    )
-    poses = trajectories.nearly_straight(
-        lengths, rng, heading_sigma=model.heading_sigma, lateral_sigma=model.lateral_sigma
-    )
+    poses = _poses_of_model(rng, model, n_scans, steps)
+    present = worlds.stretches(n_landmarks, n_scans, rng, leave=leave) if leave else None
     sensor = Sensor.of_model(model)
-    return observe_scene("model", "straight", poses, landmarks, sensor, rng, model)
+    return observe_scene("model", "straight", poses, landmarks, sensor, rng, model, present)
+
+
+def _poses_of_model(
+    rng: np.random.Generator,
+    model: ObservationModel,
+    n_scans: int,
+    steps: npt.ArrayLike | None,
+) -> FloatArray:
+    if model.motion == "straight":
+        lengths = (
+            trajectories.draw_steps(
+                n_scans - 2, rng, log_mean=model.log_step_mean, log_sigma=model.log_step_sigma
+            )
+            if steps is None
+            else _given_steps(steps, n_scans)
+        )
+        return trajectories.nearly_straight(
+            lengths, rng, heading_sigma=model.heading_sigma, lateral_sigma=model.lateral_sigma
+        )
+    if model.motion != "smooth":
+        raise OptionError(
+            f"motion is {model.motion!r}: kind 'model' draws runs of motion 'straight' or 'smooth'"
+        )
+    if steps is not None:
+        raise OptionError("steps are given: motion 'smooth' draws its own; leave them out")
+    return trajectories.smooth(
+        n_scans,
+        rng,
+        turn_sigma=model.turn_sigma,
+        drift_sigma=model.drift_sigma,
+        step_change_sigma=model.step_change_sigma,
+    )
 
 
 def _world(

@@ -17,7 +17,7 @@ from mht_slam.models import ObservationModel
 NoiseKind: TypeAlias = Literal["uniform", "gaussian", "heavy_tailed"]
 
 STUDENT_T_DOF = 3.0
-"""Degrees of freedom of the heavy-tailed noise: finite variance, about 1.7 times its scale."""
+"""Default degrees of freedom of heavy-tailed noise: finite variance, about 1.7 times its scale."""
 
 _STRICTLY_INSIDE = 1.0 - 1e-9
 
@@ -47,7 +47,7 @@ class Sensor:
     """Size of the noise, radians: the bound epsilon of uniform noise (never reached), the standard
     deviation of Gaussian noise, the scale of heavy-tailed noise."""
     noise: NoiseKind = "gaussian"
-    """Uniform inside +-spread, Gaussian, or Student's t with `STUDENT_T_DOF`."""
+    """Uniform inside +-spread, Gaussian, or Student's t with `dof`."""
     field_of_view: float = 2.0 * math.pi
     """Full width of the view, centred on forward; a landmark's true bearing decides."""
     min_range: float = 0.0
@@ -60,6 +60,8 @@ class Sensor:
     """Expected false alarms per radian of view: Poisson in number, uniform over the view."""
     landmark_radius: float = 0.0
     """A landmark hides the farther ones whose bearing its disc of this radius covers."""
+    dof: float = STUDENT_T_DOF
+    """Degrees of freedom of heavy-tailed noise."""
 
     def __post_init__(self) -> None:
         if self.noise not in get_args(NoiseKind):
@@ -72,17 +74,21 @@ class Sensor:
         finite_number(self.detection_probability, "detection_probability", at_least=0.0, at_most=1)
         finite_number(self.false_alarm_rate, "false_alarm_rate", at_least=0.0)
         finite_number(self.landmark_radius, "landmark_radius", at_least=0.0)
+        finite_number(self.dof, "dof", above=0.0)
 
     @classmethod
     def of_model(cls, model: ObservationModel) -> Sensor:
         """Return the sensor that an `ObservationModel` assumes.
 
-        Gaussian noise, the whole circle in view; detection terms that the model leaves out become
-        "always detected" and "no false alarms".
+        Detection terms that the model leaves out become "always detected" and "no false alarms".
+        Which landmarks are there at all (`stay_probability`) is not the sensor's.
         """
         stated = model.detection_probability
         return cls(
             spread=model.sigma,
+            noise="gaussian" if model.bearing_dof is None else "heavy_tailed",
+            dof=STUDENT_T_DOF if model.bearing_dof is None else model.bearing_dof,
+            field_of_view=model.field_of_view,
             detection_probability=1.0 if stated is None else stated,
             false_alarm_rate=model.false_alarm_rate or 0.0,
         )
@@ -131,7 +137,7 @@ class Sensor:
             return self.spread * _STRICTLY_INSIDE * rng.uniform(-1.0, 1.0, n)
         if self.noise == "gaussian":
             return self.spread * rng.standard_normal(n)
-        return self.spread * rng.standard_t(STUDENT_T_DOF, n)
+        return self.spread * rng.standard_t(self.dof, n)
 
     def _draw_false_alarms(self, rng: np.random.Generator) -> FloatArray:
         count = rng.poisson(self.false_alarm_rate * self.field_of_view)

@@ -47,6 +47,35 @@ def nearly_straight(
     return poses
 
 
+def smooth(
+    n_scans: int,
+    rng: np.random.Generator,
+    *,
+    turn_sigma: float,
+    drift_sigma: float,
+    step_change_sigma: float,
+) -> FloatArray:
+    """Poses whose every motion resembles the one before, (n_scans, 3): the ``smooth`` motion model.
+
+    Headings change by N(0, turn_sigma) from scan to scan; a step leaves the heading at its start
+    by N(0, drift_sigma); steps are |O1 O2| = 1 and then walk, ln(next / step) ~
+    N(0, step_change_sigma). O1 and O2 are exact, since they define the frame. Angles in radians.
+    """
+    whole_number(n_scans, "n_scans", at_least=2)
+    finite_number(turn_sigma, "turn_sigma", at_least=0.0)
+    finite_number(drift_sigma, "drift_sigma", at_least=0.0)
+    finite_number(step_change_sigma, "step_change_sigma", at_least=0.0)
+    turns = turn_sigma * rng.standard_normal(n_scans - 1)
+    drifts = drift_sigma * rng.standard_normal(n_scans - 1)
+    changes = step_change_sigma * rng.standard_normal(n_scans - 2)
+    headings = np.concatenate([[0.0], np.cumsum(turns)]) - drifts[0]
+    directions = headings[:-1] + drifts
+    lengths = np.exp(np.concatenate([[0.0], np.cumsum(changes)]))
+    moves = lengths[:, None] * np.column_stack([np.cos(directions), np.sin(directions)])
+    points = np.vstack([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
+    return np.column_stack([points, wrap_angle(headings)])
+
+
 def draw_steps(
     n_steps: int, rng: np.random.Generator, *, log_mean: float = 0.0, log_sigma: float = 1.0
 ) -> FloatArray:

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from mht_slam.arrays import FloatArray, finite_number, whole_number
+from mht_slam.arrays import BoolArray, FloatArray, finite_number, whole_number
 from mht_slam.models import ObservationModel
 
 ANNULUS_RADII = (0.75, 2.0)
@@ -83,6 +83,24 @@ def from_prior(n: int, rng: np.random.Generator, model: ObservationModel) -> Flo
     """Landmarks drawn from the model's landmark prior, (n, 2) baselines."""
     _check(n)
     return rng.normal(model.landmark_centre, model.landmark_sigma, (n, 2))
+
+
+def stretches(n: int, n_scans: int, rng: np.random.Generator, *, leave: float) -> BoolArray:
+    """Which of `n` landmarks is there in which scan, (n_scans, n): one stretch of scans each.
+
+    A landmark leaves between two scans with probability `leave`, and as many come as leave, so that
+    a stretch begins in the first scan with weight 1 and in every later one with weight `leave`.
+
+    Source: docs/method.md, section 4.
+    """
+    _check(n)
+    whole_number(n_scans, "n_scans", at_least=1)
+    finite_number(leave, "leave", above=0.0, at_most=1.0)
+    weights = np.r_[1.0, np.full(n_scans - 1, leave)]
+    first = rng.choice(n_scans, size=n, p=weights / weights.sum())
+    after = first + rng.geometric(leave, n)
+    scan = np.arange(n_scans)[:, None]
+    return np.asarray((scan >= first) & (scan < after))
 
 
 def _check(n: int, length: float = 1.0) -> None:

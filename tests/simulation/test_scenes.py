@@ -147,6 +147,35 @@ def test_a_scene_of_a_model_has_its_statistics():
     assert errors.std() == pytest.approx(CLUTTERED.sigma, rel=0.03)
 
 
+def test_a_smooth_model_scene_has_landmarks_that_come_and_leave_and_a_limited_view():
+    model = ObservationModel(
+        sigma=0.005,
+        bearing_dof=4.0,
+        motion="smooth",
+        landmark_sigma=4.0,
+        detection_probability=0.8,
+        false_alarm_rate=0.1,
+        expected_landmarks=9.0,
+        stay_probability=0.7,
+        field_of_view=math.pi,
+    )
+    rng = np.random.default_rng(3)
+    scenes = [simulate_scene("model", None, rng, model=model, n_scans=5) for _ in range(600)]
+    landmarks = np.mean([len(s.landmarks) + len(s.unseen_landmarks) for s in scenes])
+    assert landmarks == pytest.approx(9.0 * (1.0 + 4 * 0.3), rel=0.03)
+    bearings = np.concatenate([scan.bearings for s in scenes for scan in s.scans])
+    assert (np.abs(bearings) < 0.5 * math.pi + 0.2).all()
+    # The first scan sees the half of the plane before it; the centre lies half a baseline ahead.
+    first = np.mean([(s.truth.table[:, 0] != MISSED).sum() for s in scenes])
+    ahead = 0.5 * (1.0 + math.erf(0.5 / 4.0 / math.sqrt(2.0)))
+    assert first == pytest.approx(0.8 * 9.0 * ahead, rel=0.05)
+    false = np.mean([len(s.truth.false_alarms) / 5 for s in scenes])
+    assert false == pytest.approx(0.1 * math.pi, rel=0.08)
+    errors = np.concatenate([bearing_errors(s) for s in scenes])
+    assert np.mean(np.abs(errors) < 0.7407 * 0.005) == pytest.approx(0.5, abs=0.02)  # t's quartile
+    assert np.abs(np.concatenate([s.poses[2:, 1] for s in scenes])).max() > 0.0
+
+
 def test_a_model_without_detection_terms_sees_every_landmark_and_nothing_else():
     scene = simulate_scene(
         "model", 4, np.random.default_rng(1), model=ObservationModel(sigma=0.01), n_scans=5
@@ -196,6 +225,15 @@ def test_a_scene_is_read_only_as_what_it_is():
         ({"kind": "model"}, "model"),
         ({"kind": "model", "model": CLUTTERED, "sigma": 0.1}, "sigma"),
         ({"kind": "model", "model": ObservationModel(sigma=0.1), "n_landmarks": None}, "expected"),
+        ({"kind": "model", "model": ObservationModel(sigma=0.1, motion="free")}, "motion"),
+        (
+            {
+                "kind": "model",
+                "model": ObservationModel(sigma=0.1, motion="smooth"),
+                "steps": [1.0],
+            },
+            "steps",
+        ),
     ],
 )
 def test_options_that_make_no_sense_are_named(options, named):

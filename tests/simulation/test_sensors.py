@@ -116,6 +116,17 @@ def test_the_sensor_of_a_model_has_its_noise_and_detection_terms():
         ObservationModel(sigma=0.03, detection_probability=0.8, false_alarm_rate=0.2)
     )
     assert (stated.detection_probability, stated.false_alarm_rate) == (0.8, 0.2)
+    forward = Sensor.of_model(ObservationModel(sigma=0.03, bearing_dof=5.0, field_of_view=2.0))
+    assert (forward.noise, forward.dof, forward.field_of_view) == ("heavy_tailed", 5.0, 2.0)
+
+
+def test_heavier_tails_have_fewer_degrees_of_freedom():
+    landmarks = np.random.default_rng(0).uniform(-5.0, 5.0, (20_000, 2))
+    far = [
+        np.mean(np.abs(errors_of(Sensor(0.02, "heavy_tailed", dof=dof), ORIGIN, landmarks, 1)) > t)
+        for dof, t in ((2.0, 0.02 * 4.3027), (8.0, 0.02 * 2.3060))  # their 97.5 % quantiles
+    ]
+    assert far == pytest.approx([0.05, 0.05], abs=0.005)
 
 
 @pytest.mark.parametrize(
@@ -128,6 +139,7 @@ def test_the_sensor_of_a_model_has_its_noise_and_detection_terms():
         {"spread": 0.1, "detection_probability": 1.1},
         {"spread": 0.1, "false_alarm_rate": -1.0},
         {"spread": 0.1, "landmark_radius": math.nan},
+        {"spread": 0.1, "dof": 0.0},
     ],
 )
 def test_an_option_out_of_range_is_named(options):

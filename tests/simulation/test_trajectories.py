@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mht_slam.errors import OptionError
+from mht_slam.measurements import wrap_angle
 from mht_slam.simulation import trajectories
 
 STEPS = st.lists(st.floats(0.01, 100.0), max_size=6)
@@ -29,6 +30,23 @@ def test_a_nearly_straight_run_leaves_the_first_two_points_exact(steps, seed):
     np.testing.assert_array_equal(poses[:2, :2], [[0.0, 0.0], [1.0, 0.0]])
     np.testing.assert_array_equal(poses[:, 0], trajectories.straight(steps)[:, 0])
     assert poses[:, 2].all(), "every heading deviates, the first included"
+
+
+def test_a_smooth_run_walks_as_its_model_says():
+    poses = trajectories.smooth(
+        20_000,
+        np.random.default_rng(0),
+        turn_sigma=0.03,
+        drift_sigma=0.08,
+        step_change_sigma=0.002,  # small, since the walk of 20,000 steps has to stay finite
+    )
+    np.testing.assert_allclose(poses[:2, :2], [[0.0, 0.0], [1.0, 0.0]], atol=1e-12)
+    steps = np.diff(poses[:, :2], axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    drifts = wrap_angle(np.arctan2(steps[:, 1], steps[:, 0]) - poses[:-1, 2])
+    assert np.std(wrap_angle(np.diff(poses[:, 2]))) == pytest.approx(0.03, rel=0.03)
+    assert np.std(drifts) == pytest.approx(0.08, rel=0.03)
+    assert np.std(np.diff(np.log(lengths))) == pytest.approx(0.002, rel=0.03)
 
 
 def test_deviations_have_the_stated_size():

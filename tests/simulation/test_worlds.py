@@ -75,3 +75,13 @@ def test_counts_and_lengths_that_make_no_sense_are_refused(rng):
         worlds.annulus(-1, rng)
     with pytest.raises(OptionError, match="length"):
         worlds.corridor(3, rng, 0.0)
+
+
+def test_stretches_keep_as_many_landmarks_in_view_as_leave(rng):
+    there = worlds.stretches(40_000, 6, rng, leave=0.2)
+    ever = 1.0 + 5 * 0.2
+    np.testing.assert_allclose(there.mean(axis=1), np.full(6, 1.0 / ever), rtol=0.04)
+    stayed = (there[1:] & there[:-1]).sum() / there[:-1].sum()
+    assert stayed == pytest.approx(0.8, abs=0.005)
+    begun = np.diff(there.astype(int), axis=0, prepend=0) == 1
+    assert (begun.sum(axis=0) == 1).all(), "a landmark that left does not come back"
