@@ -3,12 +3,13 @@
     python benchmarks/recordings/all_scans.py [--output DIR] [--workers N] [--half HALF]
         [--set SET ...] [--limit N] [--without-estimate]
 
-Three sets: DLR strict (all scans of a nearly straight segment, detections of the landmarks labelled
-in all of them), DLR relaxed (all detections, with misses and false alarms) and the straight windows
-of Victoria Park (the same). Runs at even places of a recording's table tune options and models,
-those at odd places are scored. Baselines and ceilings get the options of the greatest pooled F1 on
-the tuning half. An answer is exact when it has all the same-landmark pairs of the truth and no
-other, and forgiven when it has after exchanges of landmarks that a scan sees less than 1 deg apart.
+The sets: DLR strict (all scans of a nearly straight segment, detections of the landmarks labelled
+in all of them), DLR relaxed (all detections, with misses and false alarms), the same cut to at most
+twelve scans, and the straight windows of Victoria Park (all detections). Runs at even places of a
+recording's table tune options and models, those at odd places are scored. Baselines and ceilings
+get the options of the greatest pooled F1 on the tuning half. An answer is exact when it has all the
+same-landmark pairs of the truth and no other, and forgiven when it has after exchanges of landmarks
+that a scan sees less than 1 deg apart.
 
 The estimator's answers are kept, a line each, in answers.jsonl; a second call does only what is
 missing there for the same code and model. A run on which it fails counts as wrong, with no pair.

@@ -27,28 +27,32 @@ from mht_slam.evaluation.ceilings import assignment_given_truth, seen_span
 from mht_slam.evaluation.splits import halves
 from mht_slam.evaluation.trackers import nearest_bearing_tracker, order_keeping_tracker
 
-STRICT, RELAXED, PARK = "dlr-strict", "dlr-relaxed", "victoria-park"
+STRICT, RELAXED, SHORT = "dlr-strict", "dlr-relaxed", "dlr-relaxed-12"
+PARK = "victoria-park"
 READERS: dict[str, Callable[[], list[LabelledRun]]] = {
     STRICT: lambda: all_scan_runs(read_dlr()),
     RELAXED: lambda: relaxed_runs(read_dlr()),
+    SHORT: lambda: relaxed_runs(read_dlr(), kind="relaxed_le12scans"),
     PARK: lambda: straight_window_runs(read_victoria_park()),
 }
 """The sets, and how their runs are read."""
 HALVES = ("tuning", "scored")
 
+_ALL_DETECTIONS = ms.ObservationModel(
+    sigma=np.deg2rad(0.5),
+    motion="smooth",
+    detection_probability=0.97,
+    false_alarm_rate=0.11,
+    expected_landmarks=5.3,
+    stay_probability=0.93,
+    field_of_view=np.deg2rad(112.0),
+)
 MODELS = {
     STRICT: ms.ObservationModel(
         sigma=np.deg2rad(0.5), motion="smooth", field_of_view=np.deg2rad(112.0)
     ),
-    RELAXED: ms.ObservationModel(
-        sigma=np.deg2rad(0.5),
-        motion="smooth",
-        detection_probability=0.97,
-        false_alarm_rate=0.11,
-        expected_landmarks=5.3,
-        stay_probability=0.93,
-        field_of_view=np.deg2rad(112.0),
-    ),
+    RELAXED: _ALL_DETECTIONS,
+    SHORT: _ALL_DETECTIONS,
     PARK: ms.ObservationModel(
         sigma=np.deg2rad(0.25),
         motion="smooth",
@@ -82,7 +86,7 @@ ESTIMATOR = "all scans, evidence"
 CEILING, CEILING_IN_VIEW = "given truth", "given truth and view"
 CEILING_SIGMA = np.deg2rad(0.5)
 CEILING_GATES = (3.0, 6.0, 10.0)
-GATES_DEG = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0)
+GATES_DEG = (2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0)
 MAX_GAPS = (0, 1, 2, 4, 8)
 
 
