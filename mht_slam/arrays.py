@@ -6,6 +6,7 @@ Arrays that belong to a value are float64 or int64, owned by it, and read-only.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -36,7 +37,8 @@ def finite_array(
             if not _is_real(entries[index]):
                 raise error(f"{_place(name, index)} is {entries[index]!r}, no number: {remedy}")
         raise error(f"{name} holds {raw.dtype} values where numbers are needed: {remedy}")
-    array = np.array(raw, dtype=np.float64)
+    with np.errstate(over="ignore"):  # a wider float beyond every double becomes inf
+        array = np.array(raw, dtype=np.float64)
     bad = np.argwhere(~np.isfinite(array))
     if len(bad):
         index = tuple(bad[0].tolist())
@@ -89,6 +91,12 @@ def whole_number(
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < at_least:
         raise error(f"{name} is {value!r}: give a whole number of at least {at_least}")
     return int(value)
+
+
+def one_of(value: object, name: str, choices: Sequence[str]) -> None:
+    """Raise `OptionError` naming the option and its choices, unless `value` is one of them."""
+    if not isinstance(value, str) or value not in choices:
+        raise OptionError(f"{name} is {value!r}: give one of {', '.join(map(repr, choices))}")
 
 
 def _is_real(entry: object) -> bool:

@@ -17,6 +17,9 @@ from mht_slam.measurements import BearingScan
 MISSED = -1
 """Table entry of a landmark that a scan does not see."""
 
+MOST_DETECTIONS = 1_000_000
+"""The most detections of a scan: more is a mistake, and would fill the memory with labels."""
+
 
 class Association:
     """A partition of the detections of m scans into landmarks and false alarms.
@@ -132,7 +135,7 @@ class Association:
 
         Raises `AssociationError` for an index that does not exist.
         """
-        if not isinstance(scans, Sequence | np.ndarray):
+        if not _is_row(scans):
             raise AssociationError(f"scans is {scans!r}: give a sequence of scan indices")
         for scan in scans:
             if not isinstance(scan, int | np.integer):
@@ -269,9 +272,13 @@ def _label_lists(labels: Sequence[Sequence[object]]) -> Sequence[Sequence[object
     if not isinstance(labels, Sequence):
         raise AssociationError(f"labels is {type(labels).__name__}: give one sequence per scan")
     for scan, scan_labels in enumerate(labels):
-        if not isinstance(scan_labels, Sequence | np.ndarray):
+        if not _is_row(scan_labels):
             raise AssociationError(f"labels[{scan}] is {scan_labels!r}: give a label per detection")
     return labels
+
+
+def _is_row(value: object) -> bool:
+    return isinstance(value, Sequence) or (isinstance(value, np.ndarray) and value.ndim == 1)
 
 
 def _detection_counts(n_detections: Iterable[int]) -> tuple[int, ...]:
@@ -282,9 +289,11 @@ def _detection_counts(n_detections: Iterable[int]) -> tuple[int, ...]:
             f"n_detections is {n_detections!r}: give one number per scan"
         ) from None
     for scan, count in enumerate(counts):
-        if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 0:
+        whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
+        if not whole or not 0 <= count <= MOST_DETECTIONS:
             raise AssociationError(
-                f"n_detections[{scan}] is {count!r}: give a whole number of at least 0"
+                f"n_detections[{scan}] is {count!r}: give a whole number from 0 to "
+                f"{MOST_DETECTIONS}"
             )
     return tuple(int(count) for count in counts)
 

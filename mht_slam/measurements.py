@@ -19,6 +19,8 @@ import numpy.typing as npt
 from mht_slam.arrays import FloatArray, finite_array, finite_number, freeze
 from mht_slam.errors import MeasurementError
 
+SMALLEST_SIGMA = 1e-15
+"""The smallest standard deviation of a bearing, radians: doubles near pi are no denser."""
 MIN_RUN_SCANS = 3
 """Two scans of a straight run fit every association; the third one tells them apart."""
 
@@ -289,9 +291,12 @@ def _sigmas(sigma: npt.ArrayLike, n: int) -> FloatArray:
         raise MeasurementError(
             f"sigma has shape {array.shape}: give one number, or one per detection ({n})"
         )
-    bad = np.flatnonzero(array <= 0.0)
+    bad = np.flatnonzero(array < SMALLEST_SIGMA)
     if len(bad):
-        raise MeasurementError(f"sigma[{bad[0]}] is {array[bad[0]]}: give radians above zero")
+        raise MeasurementError(
+            f"sigma[{bad[0]}] is {array[bad[0]]}: give radians above zero, at least "
+            f"{SMALLEST_SIGMA:g}"
+        )
     return freeze(array)
 
 

@@ -9,8 +9,9 @@ import math
 from dataclasses import asdict, dataclass, fields
 from typing import Literal, TypeAlias, get_args
 
-from mht_slam.arrays import finite_number
+from mht_slam.arrays import finite_number, one_of
 from mht_slam.errors import OptionError
+from mht_slam.measurements import SMALLEST_SIGMA
 
 Motion: TypeAlias = Literal["straight", "smooth", "odometry", "free"]
 
@@ -95,11 +96,10 @@ class ObservationModel:
     """Full angle, centred on the heading, that the sensor sees, radians."""
 
     def __post_init__(self) -> None:
-        finite_number(self.sigma, "sigma", above=0.0, below=math.pi)
+        finite_number(self.sigma, "sigma", at_least=SMALLEST_SIGMA, below=math.pi)
         if self.bearing_dof is not None:
             finite_number(self.bearing_dof, "bearing_dof", above=0.0)
-        if self.motion not in get_args(Motion):
-            raise OptionError(f"motion is {self.motion!r}: give one of {get_args(Motion)}")
+        one_of(self.motion, "motion", get_args(Motion))
         finite_number(self.heading_sigma, "heading_sigma", at_least=0.0, below=math.pi)
         finite_number(self.lateral_sigma, "lateral_sigma", at_least=0.0)
         finite_number(self.landmark_sigma, "landmark_sigma", above=0.0)

@@ -287,3 +287,16 @@ def test_no_scans_have_an_empty_association():
 def test_a_restriction_to_something_else_than_scan_indices_is_refused(scans):
     with pytest.raises(AssociationError, match="scans"):
         Association([[0, 0]], (1, 1)).restrict(scans)
+
+
+def test_an_array_of_no_dimension_is_no_row() -> None:
+    association = Association([[0, 0]], (1, 1))
+    with pytest.raises(AssociationError, match="give a sequence of scan indices"):
+        association.restrict(np.array(0))  # type: ignore[arg-type]
+    with pytest.raises(AssociationError, match=r"labels\[1\]"):
+        Association.from_labels([["a"], np.array("a")])  # type: ignore[list-item]
+
+
+def test_more_detections_than_memory_holds_are_refused() -> None:
+    with pytest.raises(AssociationError, match="from 0 to 1000000"):
+        Association([], (2**40,))

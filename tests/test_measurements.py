@@ -172,6 +172,8 @@ def test_bearings_that_are_none_are_refused_by_field_entry_and_remedy(
     [
         ({"sigma": 0.0}, ("sigma[0]", "0.0", "above zero")),
         ({"sigma": [0.1, -0.2]}, ("sigma[1]", "-0.2", "above zero")),
+        ({"sigma": 5e-324}, ("sigma[0]", "5e-324", "at least 1e-15")),
+        ({"sigma": np.longdouble("1e4000")}, ("sigma", "inf", "radians")),
         ({"sigma": [0.1, np.nan]}, ("sigma[1]", "nan", "radians")),
         ({"sigma": [0.1]}, ("sigma", "(1,)", "(2)")),
         ({"sigma": "wide"}, ("sigma", "wide", "radians")),

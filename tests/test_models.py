@@ -88,3 +88,8 @@ def test_a_model_is_frozen() -> None:
 def test_a_whole_number_beyond_every_float_is_refused():
     with pytest.raises(OptionError, match="landmark_sigma is inf"):
         ObservationModel(sigma=0.1, landmark_sigma=10**400)
+
+
+def test_a_name_is_a_string_and_nothing_that_compares_like_one() -> None:
+    with pytest.raises(OptionError, match="motion is array"):
+        ObservationModel(sigma=0.1, motion=np.array(["straight", "free"]))  # type: ignore[arg-type]

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from mht_slam.arrays import IntArray, finite_number, whole_number
+from mht_slam.arrays import IntArray, finite_number, one_of, whole_number
 from mht_slam.association import MISSED, Association, refuse_unequal
 from mht_slam.errors import OptionError, TooFewLandmarksError
 from mht_slam.hypotheses import RankedAssociation, Ranking
@@ -119,9 +119,9 @@ def rank(
     whole_number(max_missed, "max_missed", at_least=0)
     whole_number(max_false, "max_false", at_least=0)
     whole_number(work_limit, "work_limit", at_least=1)
-    _choice(method, "method", METHODS)
-    _choice(ratio, "ratio", RATIOS)
-    _choice(region, "region", REGIONS)
+    one_of(method, "method", METHODS)
+    one_of(ratio, "ratio", RATIOS)
+    one_of(region, "region", REGIONS)
     chosen, columns, middle = _selection(run, scans)
     refining = _refining_columns(run, chosen, refine_pair)
     members = tuple(run.scans[scan] for scan in chosen)
@@ -183,11 +183,6 @@ def _gap(listing: Listing) -> float:
     """How far an unlisted score can exceed the last one listed."""
     last = listing.listed[-1][0] if listing.listed else 0.0
     return 0.0 if listing.complete else max(listing.bound - last, 0.0)
-
-
-def _choice(value: object, name: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise OptionError(f"{name} is {value!r}: give one of {', '.join(map(repr, choices))}")
 
 
 def _selection(
