@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import kendalltau
 
 from mht_slam.association import Association
-from mht_slam.errors import AssociationError
+from mht_slam.errors import AssociationError, OptionError
 from mht_slam.hypotheses import Posterior, Ranking
 
 
@@ -51,8 +51,12 @@ def compare(ranking: Ranking, posterior: Posterior, truth: Association | None = 
     """Compare how the polygon method and the factor graph order the associations.
 
     `truth` is an association over the ranking's scans. Raises `AssociationError` where the three
-    do not speak of the same scans.
+    do not speak of the same scans, and `OptionError` for a ranking or posterior that is none.
     """
+    if not isinstance(ranking, Ranking):
+        raise OptionError(f"ranking is {type(ranking).__name__}: give a Ranking")
+    if not isinstance(posterior, Posterior):
+        raise OptionError(f"posterior is {type(posterior).__name__}: give a Posterior")
     if len(ranking) and len(posterior) and ranking.scans != posterior.scans:
         raise AssociationError(
             f"the ranking is over scans {ranking.scans} and the posterior over {posterior.scans}: "

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from mht_slam.association import Association
 from mht_slam.comparison import compare
-from mht_slam.errors import AssociationError
+from mht_slam.errors import AssociationError, OptionError
 from mht_slam.hypotheses import Hypothesis, Posterior, RankedAssociation, Ranking
 from mht_slam.models import ObservationModel
 
@@ -133,3 +133,10 @@ def test_results_of_different_scans_are_not_compared() -> None:
         compare(ranking_of({0: 0.5}), posterior_of({0: -1.0}, scans=(0, 1, 3)))
     with pytest.raises(AssociationError, match="same scans"):
         compare(ranking_of({0: 0.5}), posterior_of({0: -1.0}), Association([], (3, 3)))
+
+
+def test_only_a_ranking_and_a_posterior_are_compared() -> None:
+    with pytest.raises(OptionError, match="posterior is float"):
+        compare(ranking_of({0: 0.5}), 0.0)  # type: ignore[arg-type]
+    with pytest.raises(OptionError, match="ranking is list"):
+        compare([], posterior_of({0: -1.0}))  # type: ignore[arg-type]
