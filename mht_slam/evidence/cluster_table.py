@@ -20,6 +20,8 @@ from mht_slam.models import ObservationModel
 
 PRIOR_REACH = 8.0
 """Log ratios beyond this many standard deviations of their prior do not exist here."""
+FARTHEST = 100.0
+"""Log ratios beyond this are taken for it: O3 lies on O2, or infinitely far out, either way."""
 FIRST_KNOTS = np.array([0.0, 0.5, 1.0, 1.7, 2.5, 3.4, 4.5, 6.0, PRIOR_REACH])
 """Where the halving starts, on either side of the prior's mean, in its standard deviations."""
 TOLERANCE = 1e-3
@@ -121,7 +123,9 @@ class ClusterTable:
         margin = width * np.minimum(np.abs(before), np.abs(after))
         low = np.minimum(self.values[left], self.values[left + 1])
         high = np.maximum(self.values[left], self.values[left + 1])
-        return np.asarray(np.clip(cubic, low - margin, high + margin))
+        below = np.where((before < 0.0) & (after > 0.0), margin, 0.0)
+        above = np.where((before > 0.0) & (after < 0.0), margin, 0.0)
+        return np.asarray(np.clip(cubic, low - below, high + above))
 
     def _slopes(self) -> FloatArray:
         """(K - 1,) slopes between knots; those from one cluster to the next mean nothing."""
@@ -151,7 +155,7 @@ def tabulate(
     def integrals(owner: IntArray, log_ratios: FloatArray) -> FloatArray:
         positions = np.zeros((len(owner), 3))
         positions[:, 1] = 1.0
-        positions[:, 2] = 1.0 + np.exp(log_ratios)
+        positions[:, 2] = 1.0 + np.exp(np.clip(log_ratios, -FARTHEST, FARTHEST))
         cells = Cells(positions, rays[owner], spreads[owner], seen[owner])
         return log_cluster_integrals(cells, model.landmark_centre, model.landmark_sigma)
 

@@ -117,10 +117,12 @@ class CoverProblem:
             grid = RatioGrid(np.zeros(1), np.zeros(1))  # false alarms alone: any ratio will do
             best = math.inf
         else:
-            best = self._first_evidence()
+            best, cover = self._first_look()
             if best == -math.inf:
                 return self._nothing_found()
             grid = panel_grid(self.table, self.log_weights, *self._rows(), self.model, best)
+            if len(grid) == 0:  # a bump too narrow for any panel: sigmas of next to nothing
+                return Found([(best, self._association(cover))], math.inf, complete=False)
         alone = tuple(np.repeat(w[:, None], len(grid), axis=1) for w in self.false_alarms)
         weights, log_unit = self._balanced(
             self._values(grid), alone, grid.log_weights, GRID_COOLING, best
@@ -142,8 +144,8 @@ class CoverProblem:
             complete=found.complete,
         )
 
-    def _first_evidence(self) -> float:
-        """Log evidence of some good association, or -inf where none is found.
+    def _first_look(self) -> tuple[float, Cover]:
+        """Log evidence of some good association, -inf where none is found, and its cover.
 
         The ratios looked at are the tops of single clusters, where together the best of every
         row weigh most.
@@ -165,14 +167,15 @@ class CoverProblem:
         np.maximum.at(best_of_row, rows, values)
         chosen = np.where(required[:, None], best_of_row, np.maximum(best_of_row, 0.0))
         bound = chosen.sum(axis=0) + grid.log_weights
-        evidences = [-math.inf]
+        looks_found: list[tuple[float, Cover]] = [(-math.inf, ())]
         for look in np.argsort(-bound)[:FIRST_LOOKS]:
             for temperature in LOOK_TEMPERATURES:
                 found = self._best_cover(values[:, look], temperature)
                 if found.covers:
-                    evidences.append(self._evidence(found.covers[0][1]))
+                    cover = found.covers[0][1]
+                    looks_found.append((self._evidence(cover), cover))
                     break
-        return max(evidences)
+        return max(looks_found, key=lambda look: look[0])
 
     def _best_cover(self, values: FloatArray, temperature: float = 1.0) -> CoverList:
         """Search for the heaviest cover at a single ratio, of clusters weighing (C,) logs."""

@@ -28,8 +28,10 @@ from mht_slam.progress import Progress
 
 DEFAULT_SCANS = (0, 1, 2)
 WORK_LIMIT = 20_000
+WIDEST_STEP_PRIOR = 10.0
+"""The largest `log_step_sigma`: the knots of a wider prior are too far apart to begin with."""
 RESOLVED_SIGMA = 1e-3
-"""The smallest sigma, radians: of narrower ones the tables may miss the bumps in ln r altogether."""
+"""The smallest sigma, radians: the tables may miss the bump in ln r of a narrower one."""
 
 
 def evidence_by_quadrature(
@@ -63,9 +65,9 @@ def evidence_by_quadrature(
     or the model rule out has log evidence -inf and its `failure`.
 
     Raises `OptionError` for a `RunPair`, a model whose headings or lateral deviations vary, where
-    no sigma is known or one is below 1e-3 radians, or where candidates differ in size and the model does not say what that
-    costs; `AssociationError` for candidates of other scans; `MeasurementError` for `scans` that do
-    not exist.
+    no sigma is known or one is below 1e-3 radians, where `log_step_sigma` is above 10, or where
+    candidates differ in size and the model does not say what that costs; `AssociationError` for
+    candidates of other scans; `MeasurementError` for `scans` that do not exist.
 
     Source: docs/method.md, section 4.
 
@@ -219,6 +221,11 @@ def _strict(model: ObservationModel) -> ObservationModel:
                 "since only then one step ratio couples the landmarks; use refine, which samples "
                 f"the deviations, or set {name} to 0"
             )
+    if model.log_step_sigma > WIDEST_STEP_PRIOR:
+        raise OptionError(
+            f"log_step_sigma is {model.log_step_sigma:g}: quadrature tabulates step priors up to "
+            f"{WIDEST_STEP_PRIOR:g}; use refine"
+        )
     simple = ObservationModel(sigma=model.sigma)
     for name in ("motion", "bearing_dof", "stay_probability", "field_of_view"):
         if getattr(model, name) != getattr(simple, name):

@@ -334,3 +334,39 @@ def test_refusals_name_the_remedy() -> None:
     with pytest.raises(UnequalScansError, match="max_missed"):
         rank_by_evidence(uneven, model=sized(model), max_missed=1)
     assert len(rank_by_evidence(uneven, model=sized(model), max_missed=2))
+
+
+@pytest.mark.parametrize("log_step_sigma", [2.0, 10.0])
+def test_a_wide_step_prior_makes_no_evidence_up(log_step_sigma: float) -> None:
+    """Far from the posterior the tables fall by thousands of nats from knot to knot."""
+    model = ObservationModel(sigma=0.02, log_step_sigma=log_step_sigma)
+    together = Association([[0, 0, 0], [1, 1, 1]], (2, 2, 2))
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        sides, distances = rng.choice([-1, 1], 2), 10.0 ** rng.uniform(-0.7, 1.0, 2)
+        places = np.column_stack([rng.uniform(-2.0, 5.0, 2), sides * distances])
+        run = StraightRun(
+            BearingScan(np.arctan2(places[:, 1], places[:, 0] - x) + rng.normal(0.0, 0.02, 2))
+            for x in (0.0, 1.0, 1.0 + rng.uniform(0.3, 3.0))
+        )
+        expected = refine(run, [together], model=model)[0].log_evidence
+        found = evidence_by_quadrature(run, [together], model=model)[0].log_evidence
+        assert found == pytest.approx(expected, abs=0.01), f"seed {seed}"
+        best = rank_by_evidence(run, model=model)
+        assert best.complete
+        listed = {h.association: h.log_evidence for h in best}
+        assert listed[together] == pytest.approx(expected, abs=0.01), f"seed {seed}"
+
+
+def test_step_priors_wider_than_the_tables_are_refused() -> None:
+    run = StraightRun([BearingScan([0.7]), BearingScan([0.8]), BearingScan([1.0])])
+    with pytest.raises(OptionError, match="log_step_sigma is 100"):
+        rank_by_evidence(run, model=ObservationModel(sigma=0.02, log_step_sigma=100.0))
+
+
+def test_sigmas_that_the_tables_do_not_resolve_are_refused() -> None:
+    run = StraightRun([BearingScan([0.7]), BearingScan([0.8], sigma=1e-4), BearingScan([1.0])])
+    with pytest.raises(OptionError, match=r"sigma is 0\.0001: quadrature resolves"):
+        rank_by_evidence(run, sigma=0.02)
+    with pytest.raises(OptionError, match="use refine"):
+        evidence_by_quadrature(run, [], sigma=0.02)
