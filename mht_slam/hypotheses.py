@@ -252,6 +252,18 @@ class Posterior(Sequence[Hypothesis]):
         np.fill_diagonal(marginal, 1.0)
         return freeze(np.minimum(marginal, 1.0))
 
+    def undecided_pairs(self, level: float = 0.95) -> IntArray:
+        """(k, 2) pairs of detections that are one landmark with neither high nor low probability.
+
+        Rows hold two indices into `detections`, the first smaller, whose marginal probability lies
+        between 1 - `level` and `level`: landmarks too close for the model to tell, or detections
+        that may be false. Raises `OptionError` unless 0.5 < level < 1.
+        """
+        finite_number(level, "level", above=0.5, below=1.0)
+        marginal = self.marginal_same_landmark()
+        open_ = np.triu((marginal > 1.0 - level) & (marginal < level), 1)
+        return np.argwhere(open_).astype(np.int64)
+
     def credible_set(self, level: float = 0.95) -> tuple[Hypothesis, ...]:
         """Return the fewest hypotheses whose probabilities sum to at least `level`.
 

@@ -1,26 +1,52 @@
-"""The whole method on one page: rank by polygons, refine by factor graphs, compare."""
+"""The whole method on one page: rank by polygons, refine by factor graphs, extend, compare."""
 
 from __future__ import annotations
 
+import math
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from mht_slam.association import Association
+from mht_slam.arrays import finite_number
+from mht_slam.association import MISSED, Association
 from mht_slam.comparison import Comparison, compare
+from mht_slam.errors import OptionError, TooFewLandmarksError, UnequalScansError
+from mht_slam.evidence.candidates import stated_model, with_probabilities
+from mht_slam.graph.problem import make_problem
 from mht_slam.graph.refine import refine
 from mht_slam.graph.solve import EvidenceMethod
-from mht_slam.hypotheses import Posterior, Ranking
+from mht_slam.hypotheses import Hypothesis, Posterior, Ranking
 from mht_slam.measurements import RunPair, StraightRun
 from mht_slam.models import ObservationModel
 from mht_slam.polygon.ranking import rank
 from mht_slam.progress import Progress
+from mht_slam.tree.effort import Effort
+from mht_slam.tree.search import search_all_scans
+
+FIRST_THREE = (0, 1, 2)
+HEADING_COVERAGE = 2.0
+"""Standard deviations of the headings' wander that epsilon is enlarged by: 95 % of them."""
+RIGHT_ANGLE = math.pi / 2.0
+LARGEST_EPSILON = math.radians(45.0)
+"""The headings' wander enlarges epsilon up to here and no further."""
+SEEDING_LIMIT = 300_000
+"""Steps of the exact ranking where it only seeds a search over more scans."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What `solve` found: the polygon ranking, the graphs' posterior, and both side by side."""
+    """What `solve` found: the polygon ranking, the graphs' posterior, and both side by side.
+
+    Attributes
+    ----------
+    ranking : of three scans (of a `RunPair` all four). Empty, with the reason in its options, where
+        polygons cannot follow.
+    seeds : the graphs' posterior over the ranked associations.
+    posterior : over all scans; the seeds themselves where there are no more.
+    comparison : of the ranking and the seeds.
+    """
 
     ranking: Ranking
+    seeds: Posterior
     posterior: Posterior
     comparison: Comparison
 
@@ -37,44 +63,150 @@ def solve(
     model: ObservationModel | None = None,
     evidence: EvidenceMethod = "marginal",
     max_range: float = 100.0,
-    scans: tuple[int, int, int] = (0, 1, 2),
+    scans: tuple[int, int, int] | None = None,
+    effort: Effort | None = None,
     truth: Association | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Solution:
     """Rank associations by the polygon method, refine the best ones, and compare the two scores.
 
+    Three scans are ranked and refined. A longer run goes on from there: the refined associations of
+    its first three scans, and those that a hypothesis tree finds without polygons, are extended
+    scan by scan, and the best are refined over all scans.
+
     Parameters
     ----------
     run : bearings of look-alike landmarks.
-    epsilon : vision error, the bound on a bearing's error, radians.
+    epsilon : vision error, the bound on a bearing's error, radians. Where the model lets headings
+        wander, the ranking's epsilon is enlarged to cover twice their standard deviation,
+        sqrt(epsilon^2 + (2 sigma_h)^2); the ranking names it.
     sigma : standard deviation of a bearing, radians; a scan's own sigmas go before it.
     top_k : how many of the ranked associations are refined; None means all with a positive score.
     scale : length of the first baseline in metres, if known.
     heading_sigma, lateral_sigma, model, evidence, executor : as in `mht_slam.refine`.
     max_range : baselines of each pair of scans at which the polygon method cuts its cells.
-    scans : three scans of a straight run; a `RunPair` uses all of its four.
-    truth : the true association over these scans, for the comparison only.
-    progress : called as ``progress(done, total)`` during refinement.
+    scans : three scans of a straight run to solve alone; None solves all of them.
+    effort : how hard the tree searches; None means `Effort()`.
+    truth : the true association over the scans that are solved, for the comparison only.
+    progress : called as ``progress(done, total)``, of scans in the tree and then of candidates.
 
-    Raises what `mht_slam.rank`, `mht_slam.refine` and `mht_slam.compare` raise.
+    Raises what `mht_slam.rank`, `mht_slam.refine` and `mht_slam.compare` raise. A run of more than
+    three scans needs no polygons: where its first three have different numbers of detections, or
+    fewer than three, the ranking stays empty.
 
-    Source: docs/method.md, sections 3 and 4.
+    Source: docs/method.md, sections 3 to 5.
     """
     if isinstance(run, RunPair):
         ranking = rank(run, epsilon=epsilon, top_k=top_k, max_range=max_range)
+        chosen = tuple(range(len(run)))
     else:
-        ranking = rank(run, epsilon=epsilon, top_k=top_k, max_range=max_range, scans=scans)
-    posterior = refine(
+        if not isinstance(run, StraightRun):
+            raise OptionError(f"run is {type(run).__name__}: give a StraightRun or a RunPair")
+        chosen = scans or FIRST_THREE
+    longer = isinstance(run, StraightRun) and scans is None and len(run) > len(FIRST_THREE)
+    full_model = stated_model(
+        run,
+        tuple(range(len(run))) if longer else chosen,
+        sigma,
+        heading_sigma,
+        lateral_sigma,
+        model,
+    )
+    if isinstance(run, StraightRun):
+        ranking = _ranking(run, chosen, epsilon, full_model, top_k, max_range, longer)
+    seeds = refine(
         run,
         ranking,
-        sigma=sigma,
-        heading_sigma=heading_sigma,
-        lateral_sigma=lateral_sigma,
+        model=full_model,
+        evidence=evidence,
+        scale=scale,
+        executor=executor,
+        progress=None if longer else progress,
+    )
+    if truth is not None and longer:
+        truth = truth.restrict(chosen)
+    comparison = compare(ranking, seeds, truth)
+    if not longer:
+        return Solution(ranking, seeds, seeds, comparison)
+    posterior = _over_all_scans(
+        run, seeds, full_model, evidence, scale, effort or Effort(), executor, progress
+    )
+    return Solution(ranking, seeds, posterior, comparison)
+
+
+def _ranking(
+    run: StraightRun,
+    scans: tuple[int, int, int],
+    epsilon: float,
+    model: ObservationModel,
+    top_k: int | None,
+    max_range: float,
+    only_seeds: bool,
+) -> Ranking:
+    """Rank three scans; without a ranking there are no seeds, but a longer run has its tree."""
+    wander = model.turn_sigma if model.motion == "smooth" else model.heading_sigma
+    finite_number(epsilon, "epsilon", above=0.0, below=RIGHT_ANGLE)
+    enlarged = min(math.hypot(epsilon, HEADING_COVERAGE * wander), LARGEST_EPSILON)
+    enlarged = max(epsilon, enlarged)
+    if not only_seeds:
+        return rank(run, epsilon=enlarged, top_k=top_k, max_range=max_range, scans=scans)
+    try:
+        return rank(
+            run,
+            epsilon=enlarged,
+            top_k=top_k,
+            max_range=max_range,
+            scans=scans,
+            work_limit=SEEDING_LIMIT,
+        )
+    except (TooFewLandmarksError, UnequalScansError) as cause:
+        return Ranking(
+            hypotheses=(),
+            scans=scans,
+            base=(MISSED, MISSED),
+            complete=False,
+            gap=1.0,
+            epsilon=enlarged,
+            options={"not_ranked": str(cause)},
+        )
+
+
+def _over_all_scans(
+    run: StraightRun,
+    seeds: Posterior,
+    model: ObservationModel,
+    evidence: EvidenceMethod,
+    scale: float | None,
+    effort: Effort,
+    executor: Executor | None,
+    progress: Progress | None,
+) -> Posterior:
+    """Extend the seeds over all scans, and refine what comes out.
+
+    A detection in no pair is a landmark seen once or a false alarm. Which of the two says nothing
+    of the other detections, so such readings are one hypothesis, listed as the likelier and weighed
+    by their sum.
+    """
+    everything = tuple(range(len(run)))
+    problem = make_problem(run, everything, model, scale)
+    best = [h for h in seeds if h.failure is None][: effort.keep]
+    finalists = search_all_scans(problem, effort, best, progress)
+    candidates = [
+        Hypothesis(f.association, None, None, -math.inf, 0.0, poses=f.poses, landmarks=f.landmarks)
+        for f in finalists
+    ]
+    posterior = refine(
+        run,
+        Posterior(tuple(candidates), everything, model),
         model=model,
         evidence=evidence,
         scale=scale,
         executor=executor,
         progress=progress,
     )
-    return Solution(ranking, posterior, compare(ranking, posterior, truth))
+    other_readings = {f.association: f.log_other_readings for f in finalists}
+    weighed = [
+        replace(h, log_evidence=h.log_evidence + other_readings[h.association]) for h in posterior
+    ]
+    return replace(posterior, hypotheses=with_probabilities(weighed))

@@ -296,25 +296,25 @@ def log_pattern(
     model = setting.problem.model
     seen = np.asarray(table != MISSED)
     chance = detection_chances(model, seen, bearings)
-    assert model.expected_landmarks is not None  # noqa: S101 - see `Setting.lonely`
     total = float(log_visibility(seen, chance, model.stay_probability).sum())
-    total += len(table) * math.log(model.expected_landmarks)
+    total += len(table) * setting.log_landmarks
     return total + float(single_weights(setting, poses, singles).sum())
 
 
 def single_weights(setting: Setting, poses: FloatArray, singles: IntArray) -> FloatArray:
     """(s,) log weights of detections on their own: a landmark seen once, or a false alarm."""
+    return np.logaddexp(seen_once_weights(setting, poses, singles), setting.log_false_alarm)
+
+
+def seen_once_weights(setting: Setting, poses: FloatArray, singles: IntArray) -> FloatArray:
+    """(s,) log weights of landmarks that only these detections see."""
     model = setting.problem.model
-    assert model.expected_landmarks is not None  # noqa: S101 - see `Setting.lonely`
-    assert model.false_alarm_rate is not None  # noqa: S101 - see `Setting.lonely`
     bearings = np.array([setting.problem.scans[k].bearings[d] for k, d in singles.tolist()])
-    once = (
-        math.log(model.expected_landmarks)
+    return np.asarray(
+        setting.log_landmarks
         + setting.lonely(len(poses))[singles[:, 0]]
         + log_bearing_density(model, poses[singles[:, 0]], bearings)
     )
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.logaddexp(once, np.log(model.false_alarm_rate)))
 
 
 def newest_motion_factors(problem: Problem, poses: FloatArray) -> list[gtsam.NonlinearFactor]:

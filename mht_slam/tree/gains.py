@@ -72,10 +72,9 @@ def match_gains(setting: Setting, branch: Branch, proposals: Proposals) -> Gains
         density = _log_density(
             scan.bearings, bearings, variance, sigma, model.bearing_dof
         )  # (G, n, d)
-        assert model.detection_probability is not None  # noqa: S101 - see `Setting.lonely`
         with_it = log_visibility(
             np.column_stack([seen, np.ones(n, np.bool_)]),
-            np.column_stack([chances, np.full(n, model.detection_probability)]),
+            np.column_stack([chances, np.full(n, setting.detection_probability)]),
             model.stay_probability,
         )
         missed = [
@@ -84,7 +83,7 @@ def match_gains(setting: Setting, branch: Branch, proposals: Proposals) -> Gains
                 np.column_stack([chances, np.full(n, chance)]),
                 model.stay_probability,
             )
-            for chance in (model.detection_probability, 0.0)
+            for chance in (setting.detection_probability, 0.0)
         ]
         without = np.where(visible, missed[0], missed[1])
         table[:, :n] = density + (with_it - without)[:, :, None]
@@ -111,8 +110,6 @@ def _pair_gains(setting: Setting, branch: Branch, proposals: Proposals) -> Float
     """(G, s, d) gains of making a landmark of an earlier single detection and a new one."""
     k = len(branch.poses)
     model = setting.problem.model
-    assert model.detection_probability is not None  # noqa: S101 - see `Setting.lonely`
-    assert model.expected_landmarks is not None  # noqa: S101 - see `Setting.lonely`
     scans = branch.singles[:, 0]
     poses = branch.poses[scans]
     bearings = np.array([setting.problem.scans[a].bearings[b] for a, b in branch.singles.tolist()])
@@ -151,8 +148,8 @@ def _pair_gains(setting: Setting, branch: Branch, proposals: Proposals) -> Float
     pattern[np.arange(s), scans] = True
     pattern[:, k] = True
     together = (
-        math.log(model.expected_landmarks)
-        + log_visibility(pattern, model.detection_probability, model.stay_probability)
+        setting.log_landmarks
+        + log_visibility(pattern, setting.detection_probability, model.stay_probability)
         + log_bearing_density(model, poses, bearings)
     )
     longer = np.concatenate([branch.poses, branch.poses[-1:]])

@@ -3,49 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from mht_slam.association import Association
 from mht_slam.progress import Progress
 from mht_slam.tree.assign import best_matchings
 from mht_slam.tree.branch import Branch, LostError, extend, first_branch
+from mht_slam.tree.effort import Effort
 from mht_slam.tree.gains import match_gains
 from mht_slam.tree.proposals import propose
 from mht_slam.tree.setting import Setting
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How hard the tree searches.
-
-    Attributes
-    ----------
-    keep : branches kept after each scan.
-    solve : children solved at each scan, the most promising first.
-    drop : nats below the best at which a branch or child is given up.
-    alternatives : proposals at which single matches are forbidden in turn.
-    """
-
-    keep: int = 10
-    solve: int = 24
-    drop: float = 15.0
-    alternatives: int = 3
 
 
 def grow(
     setting: Setting,
     effort: Effort,
     branches: Sequence[Branch] = (),
+    *,
+    n_scans: int | None = None,
     progress: Progress | None = None,
 ) -> list[Branch]:
-    """Return branches over all scans, the best first; `branches` to start from, or none."""
+    """Return branches over the first `n_scans` scans, None for all, the best first.
+
+    `branches` of equally many scans are where the tree starts; without any, at the first scan. The
+    list is empty where no branch has a usable optimum.
+    """
     leaves = list(branches) or [first_branch(setting)]
     total = len(setting.problem.scans)
-    while len(leaves[0].poses) < total:
+    while leaves and len(leaves[0].poses) < (total if n_scans is None else n_scans):
         leaves = next_scan(setting, effort, leaves)
-        if not leaves:
-            return []
-        if progress is not None:
+        if leaves and progress is not None:
             progress(len(leaves[0].poses), total)
     return leaves
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -10,7 +11,7 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from mht_slam import factors
-from mht_slam.arrays import FloatArray
+from mht_slam.arrays import FloatArray, finite_number
 from mht_slam.evidence.visibility import log_visibility
 from mht_slam.graph.problem import Problem
 
@@ -27,6 +28,23 @@ class Setting:
     problem: Problem
     _pool: dict[tuple[int, ...], tuple[gtsam.NonlinearFactor, float]] = field(default_factory=dict)
     _lonely: dict[int, FloatArray] = field(default_factory=dict)
+
+    @property
+    def detection_probability(self) -> float:
+        """P_D; trees have a model that compares sizes."""
+        return finite_number(self.problem.model.detection_probability, "detection_probability")
+
+    @property
+    def log_landmarks(self) -> float:
+        """Log of the expected number of landmarks."""
+        expected = self.problem.model.expected_landmarks
+        return math.log(finite_number(expected, "expected_landmarks"))
+
+    @property
+    def log_false_alarm(self) -> float:
+        """Log of the rate of false alarms, -inf where there are none."""
+        rate = finite_number(self.problem.model.false_alarm_rate, "false_alarm_rate")
+        return math.log(rate) if rate > 0.0 else -math.inf
 
     @cached_property
     def offsets(self) -> tuple[int, ...]:
@@ -68,10 +86,9 @@ class Setting:
     def lonely(self, n_scans: int) -> FloatArray:
         """Return (n_scans,) log chances of a detection in one scan and none in the others."""
         if n_scans not in self._lonely:
-            model = self.problem.model
-            chance = model.detection_probability
-            assert chance is not None  # noqa: S101 - a tree has a model that compares sizes
             self._lonely[n_scans] = log_visibility(
-                np.eye(n_scans, dtype=np.bool_), chance, model.stay_probability
+                np.eye(n_scans, dtype=np.bool_),
+                self.detection_probability,
+                self.problem.model.stay_probability,
             )
         return self._lonely[n_scans]

@@ -1,0 +1,83 @@
+"""The evidence of single landmarks at given poses: what a change of association is about worth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mht_slam.arrays import FloatArray, IntArray
+from mht_slam.association import MISSED
+from mht_slam.evidence.visibility import detection_chances, log_visibility, sightlines
+from mht_slam.measurements import wrap_angle
+from mht_slam.tree.setting import Setting
+
+N_STEPS = 10
+LONGEST_STEP = 1.0
+"""Most change of ln range, or of bearing in radians, in one step of the optimiser."""
+
+
+def cluster_log_weights(
+    setting: Setting, poses: FloatArray, rows: IntArray, points: FloatArray
+) -> FloatArray:
+    """(R,) log of w_c = lambda V Int p0(x) prod_seen N(z; h(x, X)) dx for (R, k) rows.
+
+    At given poses X the integral is two-dimensional: Laplace's approximation over bearing and log
+    range from the first sighting, from `points` (R, 2) on, all rows at once by Gauss-Newton. Exact
+    enough to choose which changes are worth a solved graph, where poses move too.
+
+    Source: docs/method.md, section 4.
+    """
+    model = setting.problem.model
+    sightings = setting.problem.sightings(rows)
+    anchor = poses[(rows != MISSED).argmax(axis=1)]
+    offset = points - anchor[:, :2]
+    place = np.stack(
+        [np.arctan2(offset[:, 1], offset[:, 0]), np.log(np.linalg.norm(offset, axis=1) + 1e-9)],
+        axis=1,
+    )
+    centre = np.array(model.landmark_centre)
+    dof = model.bearing_dof
+    for step in range(N_STEPS + 1):
+        reach = np.exp(place[:, 1])
+        ray = np.stack([np.cos(place[:, 0]), np.sin(place[:, 0])], axis=1) * reach[:, None]
+        aside = np.stack([-ray[:, 1], ray[:, 0]], axis=1)
+        x = anchor[:, :2] + ray
+        away = x[:, None, :] - poses[None, :, :2]
+        squared = np.maximum((away**2).sum(-1), 1e-12)
+        z = wrap_angle(np.arctan2(away[..., 1], away[..., 0]) - poses[:, 2] - sightings.bearings)
+        z = np.where(sightings.seen, z / sightings.sigmas, 0.0)
+        weight = np.ones_like(z) if dof is None else (dof + 1.0) / (dof + z**2)
+        slope = np.stack([-away[..., 1], away[..., 0]], axis=-1) / squared[..., None]
+        slope = np.where(sightings.seen[..., None], slope / sightings.sigmas[..., None], 0.0)
+        jacobian = np.stack(
+            [(slope * aside[:, None]).sum(-1), (slope * ray[:, None]).sum(-1)], axis=-1
+        )
+        prior = (x - centre) / model.landmark_sigma
+        prior_jacobian = np.stack([aside, ray], axis=-1) / model.landmark_sigma
+        gradient = (jacobian * (weight * z)[..., None]).sum(1)
+        gradient += np.einsum("rij,ri->rj", prior_jacobian, prior)
+        gradient[:, 1] -= 2.0
+        hessian = np.einsum("rki,rk,rkj->rij", jacobian, weight, jacobian)
+        hessian += np.einsum("rki,rkj->rij", prior_jacobian, prior_jacobian)
+        hessian += 1e-9 * np.eye(2)
+        if step < N_STEPS:
+            move = np.linalg.solve(hessian, gradient[..., None])[..., 0]
+            longest = np.abs(move).max(axis=1, keepdims=True)
+            place = place - move * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-12))
+    log_density = _log_bearings(z, dof) - np.log(sightings.sigmas)
+    value = np.where(sightings.seen, log_density, 0.0).sum(axis=1)
+    value += 2.0 * place[:, 1] - 0.5 * (prior**2).sum(1)
+    value -= 2.0 * math.log(model.landmark_sigma) + 0.5 * np.linalg.slogdet(hessian)[1]
+    chances = detection_chances(model, sightings.seen, sightlines(poses, x))
+    value += log_visibility(sightings.seen, chances, model.stay_probability)
+    return np.asarray(value + setting.log_landmarks)
+
+
+def _log_bearings(z: FloatArray, dof: float | None) -> FloatArray:
+    """Log densities of bearings in standard deviations."""
+    if dof is None:
+        return -0.5 * z**2 - 0.5 * math.log(2.0 * math.pi)
+    constant = math.lgamma(0.5 * (dof + 1.0)) - math.lgamma(0.5 * dof)
+    constant -= 0.5 * math.log(dof * math.pi)
+    return np.asarray(constant - 0.5 * (dof + 1.0) * np.log1p(z**2 / dof))

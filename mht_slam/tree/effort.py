@@ -1,0 +1,41 @@
+"""How hard the tree searches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+from mht_slam.arrays import finite_number, whole_number
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How hard a search over all scans of a run tries; more finds more and takes longer.
+
+    Raises `OptionError` naming the field, for a value out of its range.
+
+    Attributes
+    ----------
+    keep : branches kept after each scan.
+    solve : children solved at each scan, the most promising first.
+    drop : nats below the best at which a branch or child is given up.
+    alternatives : proposed motions at which each match of the best matching is forbidden in turn.
+    finalists : branches over all scans that are changed by moves.
+    moves : changes of each that are solved, the most promising first.
+    rounds : times the moves are repeated from what they found.
+    """
+
+    keep: int = 10
+    solve: int = 24
+    drop: float = 15.0
+    alternatives: int = 3
+    finalists: int = 3
+    moves: int = 16
+    rounds: int = 4
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            if entry.name == "drop":
+                finite_number(self.drop, "drop", above=0.0)
+            else:
+                least = 1 if entry.name in ("keep", "solve") else 0
+                whole_number(getattr(self, entry.name), entry.name, at_least=least)
