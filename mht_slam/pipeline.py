@@ -40,15 +40,16 @@ class Solution:
     ----------
     ranking : of three scans (of a `RunPair` all four). Empty, with the reason in its options, where
         polygons cannot follow.
-    seeds : the graphs' posterior over the ranked associations.
-    posterior : over all scans; the seeds themselves where there are no more.
-    comparison : of the ranking and the seeds.
+    posterior : of the graphs, over all scans that were solved.
+    comparison : of the ranking and the graphs' posterior over the ranked scans.
+    seeds : the graphs' posterior over the ranked scans, from which a search over more scans set
+        out; None where there are no more.
     """
 
     ranking: Ranking
-    seeds: Posterior
     posterior: Posterior
     comparison: Comparison
+    seeds: Posterior | None = None
 
 
 def solve(
@@ -97,24 +98,16 @@ def solve(
 
     Source: docs/method.md, sections 3 to 5.
     """
+    if not isinstance(run, StraightRun | RunPair):
+        raise OptionError(f"run is {type(run).__name__}: give a StraightRun or a RunPair")
+    three = scans or FIRST_THREE
+    longer = isinstance(run, StraightRun) and scans is None and len(run) > len(FIRST_THREE)
+    used = three if isinstance(run, StraightRun) and not longer else tuple(range(len(run)))
+    full_model = stated_model(run, used, sigma, heading_sigma, lateral_sigma, model)
     if isinstance(run, RunPair):
         ranking = rank(run, epsilon=epsilon, top_k=top_k, max_range=max_range)
-        chosen = tuple(range(len(run)))
     else:
-        if not isinstance(run, StraightRun):
-            raise OptionError(f"run is {type(run).__name__}: give a StraightRun or a RunPair")
-        chosen = scans or FIRST_THREE
-    longer = isinstance(run, StraightRun) and scans is None and len(run) > len(FIRST_THREE)
-    full_model = stated_model(
-        run,
-        tuple(range(len(run))) if longer else chosen,
-        sigma,
-        heading_sigma,
-        lateral_sigma,
-        model,
-    )
-    if isinstance(run, StraightRun):
-        ranking = _ranking(run, chosen, epsilon, full_model, top_k, max_range, longer)
+        ranking = _ranking(run, three, epsilon, full_model, top_k, max_range, longer)
     seeds = refine(
         run,
         ranking,
@@ -125,14 +118,14 @@ def solve(
         progress=None if longer else progress,
     )
     if truth is not None and longer:
-        truth = truth.restrict(chosen)
+        truth = truth.restrict(three)
     comparison = compare(ranking, seeds, truth)
-    if not longer:
-        return Solution(ranking, seeds, seeds, comparison)
+    if not longer or isinstance(run, RunPair):
+        return Solution(ranking, seeds, comparison)
     posterior = _over_all_scans(
         run, seeds, full_model, evidence, scale, effort or Effort(), executor, progress
     )
-    return Solution(ranking, seeds, posterior, comparison)
+    return Solution(ranking, posterior, comparison, seeds)
 
 
 def _ranking(
