@@ -12,7 +12,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint format types docs wheel-check bench-ranking bench-three-scans lock clean
+.PHONY: help venv demo test lint format types docs wheel-check bench-calibration bench-ranking bench-three-scans lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -56,6 +56,9 @@ docs: $(STAMP) ## links resolve inside the repository, examples run
 
 wheel-check: $(STAMP) ## build a wheel, install it elsewhere, import and type-check it from there
 	PYTHON=$(PYTHON) PIP_DISABLE_PIP_VERSION_CHECK=1 bash .ci/wheel-check
+
+bench-calibration: $(STAMP) ## do probabilities come true: hours on two cores, goes on where it was
+	$(BIN)/python benchmarks/calibration/calibration.py --workers $(JOBS)
 
 bench-ranking: $(STAMP) ## exact ranking against exhaustive: half an hour, goes on where it was
 	$(BIN)/python benchmarks/ranking/exact_against_exhaustive.py

@@ -47,7 +47,8 @@ class Forecast:
     Attributes
     ----------
     probabilities : (n,) in [0, 1], with a sum of at most 1. What is missing to 1 is the probability
-        that the truth is not among them. A scorer that failed gives all zeros, or no candidates.
+        that the truth is not among them. A scorer that failed gives all zeros, or no candidates: it
+        states nothing, and whatever was true got probability 0.
     truth : index of the true candidate; None where it is not among them.
 
     Raises `OptionError` for anything else.
@@ -75,8 +76,8 @@ class Forecast:
     @property
     def rest(self) -> float:
         """Probability that the truth is none of the candidates; 0 where rounding alone is left."""
-        rest = 1.0 - float(self.probabilities.sum())
-        return rest if rest > _SUM_TOLERANCE else 0.0
+        total = float(self.probabilities.sum())
+        return 1.0 - total if 0.0 < total < 1.0 - _SUM_TOLERANCE else 0.0
 
     @property
     def top(self) -> int | None:

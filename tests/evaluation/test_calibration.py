@@ -94,7 +94,7 @@ def test_scores_are_those_of_a_list_that_names_the_rest(scenes: list[Forecast]) 
     brier, log = [], []
     for scene in scenes:
         p = scene.probabilities.tolist()
-        rest = 1.0 - sum(p)
+        rest = 1.0 - sum(p) if any(p) else 0.0
         of_truth = rest if scene.truth is None else p[scene.truth]
         indicator = [float(scene.truth == i) for i in range(len(p))]
         brier.append(
@@ -162,6 +162,8 @@ def test_a_scorer_that_failed_states_nothing_and_is_wrong() -> None:
     failed = [Forecast([], None), Forecast([0.0, 0.0], 1)]
     assert top_forecast(failed) == (0.0, 0.0)
     assert reliability_curve(failed, "top").counts[0] == 2
+    assert mean_brier_score(failed) == 1.0
+    assert mean_log_score(failed, floor=0.01) == pytest.approx(math.log(0.01))
     right = [*failed, Forecast([1.0], 0)]
     assert top_forecast(right) == pytest.approx((1 / 3, 1 / 3))
 

@@ -1,0 +1,99 @@
+"""Figure of the calibration study: how often candidates of a stated probability were true."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from calibration_cells import Cell
+from calibration_scores import LAPLACE, LIKELIHOOD, POLYGONS, QUADRATURE, Row
+from calibration_tables import forecasts
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mht_slam.evaluation.calibration import reliability_curve
+from mht_slam.evaluation.significance import wilson_interval
+
+FEWEST = 30
+"""Candidates of a bin that is drawn."""
+STYLES: dict[str, dict[str, object]] = {
+    POLYGONS[-1]: {"color": "0.55", "marker": "s", "linestyle": "--"},
+    LIKELIHOOD: {"color": "#2f6fad", "marker": "^", "linestyle": ":"},
+    LAPLACE: {"color": "black", "marker": "o", "linestyle": "-"},
+    QUADRATURE: {"color": "black", "marker": "D", "linestyle": "-.", "markerfacecolor": "white"},
+}
+PANELS: tuple[tuple[str, Callable[[Cell], bool]], ...] = (
+    (
+        "drawn from the model",
+        lambda cell: cell.from_model and not cell.detections and not cell.heading_sigma_deg,
+    ),
+    ("with misses and clutter", lambda cell: cell.detections),
+    ("with wandering headings", lambda cell: cell.heading_sigma_deg > 0.0),
+    ("other scenes or noise", lambda cell: not cell.from_model),
+)
+
+_SIDESTEP = 0.006
+"""Markers of two scorers beside each other, not over each other."""
+
+
+def draw(cells: Sequence[Cell], rows: Sequence[Row]) -> Figure:
+    """Draw one panel per group of cells, a curve per scorer over all candidates of the group."""
+    groups = []
+    for title, belongs in PANELS:
+        names = {cell.name for cell in cells if belongs(cell)}
+        mine = [row for row in rows if row.cell in names]
+        if mine:
+            groups.append((title, mine))
+    figure = Figure(figsize=(3.3 * len(groups), 4.2), layout="constrained")
+    panels = figure.subplots(1, len(groups), sharey=True, squeeze=False)[0]
+    for axes, (title, mine) in zip(panels, groups, strict=True):
+        axes.plot([0, 1], [0, 1], color="0.8", linewidth=4, zorder=1, solid_capstyle="butt")
+        for place, (scorer, style) in enumerate(STYLES.items()):
+            _draw_curve(axes, mine, scorer, style, _SIDESTEP * (place - 1.5))
+        axes.set(
+            xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal", xlabel="stated probability"
+        )
+        axes.set_title(f"{title}\n{len(mine):,} scenes", fontsize=10)
+        axes.grid(alpha=0.25)
+    panels[0].set_ylabel("share that was true")
+    handles = {
+        label: handle
+        for axes in panels
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(
+        handles=list(handles.values()),
+        loc="outside lower center",
+        ncols=min(4, 2 * len(groups)),
+        frameon=False,
+    )
+    return figure
+
+
+def _draw_curve(
+    axes: Axes, rows: Sequence[Row], scorer: str, style: dict[str, object], sidestep: float
+) -> None:
+    said = [forecast for forecast in forecasts(rows, scorer) if len(forecast.probabilities)]
+    if not said:
+        return
+    curve = reliability_curve(said, "all")
+    bins = np.flatnonzero(curve.counts >= FEWEST)
+    rate = curve.rate[bins]
+    intervals = [
+        wilson_interval(round(curve.rate[b] * curve.counts[b]), int(curve.counts[b])) for b in bins
+    ]
+    errors = [
+        [max(i.estimate - i.low, 0.0) for i in intervals],
+        [max(i.high - i.estimate, 0.0) for i in intervals],
+    ]
+    axes.errorbar(
+        curve.mean_probability[bins] + sidestep,
+        rate,
+        yerr=errors,
+        label=scorer,
+        markersize=4.5,
+        linewidth=1.2,
+        elinewidth=0.8,
+        zorder=3,
+        **style,  # type: ignore[arg-type]
+    )
