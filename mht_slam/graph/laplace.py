@@ -52,7 +52,13 @@ def laplace(
     volumes of these, whose Hessian counts. Raises `SingularGraphError` naming the offending
     eigenvalues.
     """
-    hessian = (graph if curvature is None else curvature).linearize(values).hessian()[0]
+    try:
+        hessian = (graph if curvature is None else curvature).linearize(values).hessian()[0]
+    except ValueError as cause:  # GTSAM takes a sigma below 1e-8 for an equation
+        raise SingularGraphError(
+            "a standard deviation in the graph is below 1e-8: give the model, or the scale, in "
+            "larger units"
+        ) from cause
     if not np.isfinite(hessian).all():
         raise SingularGraphError("the Hessian at the optimum is not finite")
     diagonal = np.diag(hessian)

@@ -20,6 +20,9 @@ ZERO_SIGMA = 1e-4
 Loose enough for the linear algebra, tight enough that no evidence notices (docs/method.md, 4).
 """
 
+SHORTEST_BASELINE, LONGEST_BASELINE = 1e-3, 1e4
+"""Metres within which the graph's gauges are tight and its free directions free."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -103,14 +106,18 @@ def make_problem(
     """Select scans of a run and bring the model into the problem's unit.
 
     `scale` is the length of the first baseline in metres; without it the unit is the baseline.
-    Raises `OptionError` unless it is a positive number.
+    Raises `OptionError` unless it is a number from 1e-3 to 1e4.
     """
     chosen = tuple(run.scans[i] for i in scans)
     if model.motion != "straight" and isinstance(run, RunPair):
         raise OptionError(f"motion is {model.motion!r}: a RunPair is two runs of motion 'straight'")
     if model.motion == "odometry":
         _check_odometry(chosen, scans, scale)
-    baseline = 1.0 if scale is None else finite_number(scale, "scale", above=0.0)
+    baseline = 1.0
+    if scale is not None:
+        baseline = finite_number(
+            scale, "scale", at_least=SHORTEST_BASELINE, at_most=LONGEST_BASELINE
+        )
     in_unit = replace(
         model,
         lateral_sigma=model.lateral_sigma * baseline,

@@ -69,7 +69,8 @@ def refine(
         "laplace" is Laplace's approximation over everything, from GTSAM's Hessian, and is also
         what hypotheses with a residual beyond six sigma, or with more than eight unknowns of the
         poses, get.
-    scale : length of the first baseline in metres, if known; the result is then in metres.
+    scale : length of the first baseline in metres, if known, from 1e-3 to 1e4; the result is then
+        in metres.
     executor : any `concurrent.futures.Executor`; None works in this process. The result does not
         depend on it.
     progress : called as ``progress(done, total)``.

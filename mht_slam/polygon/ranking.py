@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from functools import partial
 
@@ -142,7 +143,7 @@ def rank(
         include_zero=include_zero,
     )
     if method == "exact":
-        listing = exact_search(problem, work_limit, progress)
+        listing = exact_search(problem, min(work_limit, sys.maxsize), progress)
     else:
         listing = exhaustive_search(problem, progress)
     recipe = MapRecipe(

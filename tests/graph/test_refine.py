@@ -349,3 +349,26 @@ def test_a_model_beyond_double_precision_gives_failures_and_no_exception(extreme
     association = Association([[i] * 3 for i in range(3)], (3, 3, 3))
     posterior = refine(run, [association], model=ObservationModel(sigma=0.02, **extreme))
     assert posterior[0].failure or np.isfinite(posterior[0].log_evidence)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e6])
+def test_a_scale_at_which_the_graph_would_break_down_is_refused(scale: float) -> None:
+    scene = a_scene()
+    with pytest.raises(OptionError, match="scale is"):
+        refine(scene.run, [scene.truth], sigma=SIGMA, scale=scale)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e4])
+def test_the_evidence_does_not_depend_on_the_scale(scale: float) -> None:
+    scene = a_scene()
+    for evidence in ("marginal", "laplace"):
+        as_it_is = refine(scene.run, [scene.truth], sigma=SIGMA, evidence=evidence)
+        in_metres = refine(scene.run, [scene.truth], sigma=SIGMA, evidence=evidence, scale=scale)
+        assert in_metres[0].log_evidence == pytest.approx(as_it_is[0].log_evidence, abs=1e-3)
+
+
+def test_a_sigma_too_small_for_the_solver_is_a_failure_that_says_so() -> None:
+    scene = a_scene()
+    model = ObservationModel(sigma=SIGMA, motion="smooth", turn_sigma=1e-12)
+    posterior = refine(scene.run, [scene.truth], model=model)
+    assert posterior[0].failure is not None and "below 1e-8" in posterior[0].failure

@@ -686,3 +686,8 @@ def test_a_max_range_that_geometry_cannot_take_is_refused():
     run = StraightRun([BearingScan([0.4, 1.0, 2.0])] * 3)
     with pytest.raises(OptionError, match="at most 1e\\+06"):
         rank(run, epsilon=0.05, max_range=1e300)
+
+
+def test_a_limit_beyond_every_machine_is_no_limit() -> None:
+    run = easy_run()
+    assert rank(run, epsilon=EPSILON, work_limit=2**70).complete
