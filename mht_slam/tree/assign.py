@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import heapq
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +25,7 @@ class Candidate:
 
 
 def best_matchings(
-    gains: FloatArray, offsets: FloatArray, *, drop: float, alternatives: int
+    gains: FloatArray, offsets: FloatArray, *, drop: float, n_ranked: int, depth: int
 ) -> list[Candidate]:
     """Return matchings worth solving, the best first.
 
@@ -32,10 +34,10 @@ def best_matchings(
     gains : (G, r, d) log gains of a match over no match, for each proposal.
     offsets : (G,) log score of each proposal without any match.
     drop : matchings this many nats below the best are left out.
-    alternatives : at how many of the best proposals each match of the best matching is forbidden
-        in turn, which gives the best matching without it.
+    n_ranked, depth : at so many of the best proposals the best `depth` matchings are found; at the
+        others the best one.
 
-    Given the pose, matches are independent but for sharing, so each proposal's best matching is a
+    Given the pose, matches are independent but for sharing, so a proposal's best matching is a
     linear assignment (docs/method.md, section 5). A matching found at several proposals counts
     once, where it does best.
     """
@@ -43,34 +45,60 @@ def best_matchings(
     ceiling = offsets + positive.max(axis=1, initial=0.0).sum(axis=1)
     found: dict[Matches, Candidate] = {}
     best = -np.inf
-    scored: list[tuple[float, int, Matches]] = []
+    tops: list[tuple[float, int]] = []
     for g in np.argsort(-ceiling, kind="stable").tolist():
         if ceiling[g] < best - drop:
             break
-        matches, gain = _assign(positive[g])
+        matches, gain = _best(positive[g])
         total = float(offsets[g]) + gain
         best = max(best, total)
-        scored.append((total, g, matches))
+        tops.append((-total, g))
         _keep(found, Candidate(matches, g, total))
-    scored.sort(key=lambda entry: (-entry[0], entry[1]))
-    for total, g, matches in scored[:alternatives]:
-        for row, detection in matches:
-            if total - gains[g, row, detection] + 0.0 < best - drop - positive[g].max():
-                continue
-            without = positive[g].copy()
-            without[row, detection] = 0.0
-            others, gain = _assign(without)
-            _keep(found, Candidate(others, g, float(offsets[g]) + gain))
+    for _, g in sorted(tops)[:n_ranked]:
+        for count, (matches, gain) in enumerate(ranked_matchings(positive[g]), start=1):
+            total = float(offsets[g]) + gain
+            if count > depth or total < best - drop:
+                break
+            _keep(found, Candidate(matches, g, total))
     ordered = sorted(found.values(), key=lambda c: (-c.log_gain, c.matches))
     return [c for c in ordered if c.log_gain >= best - drop]
 
 
-def _assign(positive: FloatArray) -> tuple[Matches, float]:
-    rows, columns = linear_sum_assignment(positive, maximize=True)
-    chosen = [
-        (r, c) for r, c in zip(rows.tolist(), columns.tolist(), strict=True) if positive[r, c] > 0.0
-    ]
-    return tuple(sorted(chosen)), float(positive[rows, columns].sum())
+def ranked_matchings(gains: FloatArray) -> Iterator[tuple[Matches, float]]:
+    """Yield all matchings of positive gain and the empty one, with their gains, the best first.
+
+    `gains` (r, d) are not negative; a pair of gain zero is not matched. Source: Murty, "An
+    Algorithm for Ranking all the Assignments in Order of Increasing Cost" (1968): the matchings
+    that are left fall into those that keep the first i matches of the best and lack the next.
+    """
+    serial = 0
+    best, gain = _best(gains)
+    heap: list[tuple[float, Matches, int, FloatArray, Matches]] = [(-gain, best, serial, gains, ())]
+    while heap:
+        negative, matches, _, allowed, forced = heapq.heappop(heap)
+        yield matches, -negative
+        kept: Matches = forced
+        for match in matches:
+            if match in forced:
+                continue
+            without = allowed.copy()
+            without[match] = 0.0
+            for row, column in kept:
+                without[row, :] = 0.0
+                without[:, column] = 0.0
+            others, gain = _best(without)
+            held = sum(float(gains[pair]) for pair in kept)
+            serial += 1
+            whole = tuple(sorted((*kept, *others)))
+            heapq.heappush(heap, (-(gain + held), whole, serial, without, kept))
+            kept = (*kept, match)
+
+
+def _best(gains: FloatArray) -> tuple[Matches, float]:
+    """Return the matching of most gain, without pairs of gain zero."""
+    rows, columns = linear_sum_assignment(gains, maximize=True)
+    pairs = zip(rows.tolist(), columns.tolist(), strict=True)
+    return tuple(sorted(p for p in pairs if gains[p] > 0.0)), float(gains[rows, columns].sum())
 
 
 def _keep(found: dict[Matches, Candidate], candidate: Candidate) -> None:

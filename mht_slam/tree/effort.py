@@ -18,7 +18,7 @@ class Effort:
     keep : branches kept after each scan.
     solve : children solved at each scan, the most promising first.
     drop : nats below the best at which a branch or child is given up.
-    alternatives : proposed motions at which each match of the best matching is forbidden in turn.
+    ranked, depth : at so many of the best proposed motions the best `depth` matchings are found.
     finalists : branches over all scans that are changed by moves.
     moves : changes of each that are solved, the most promising first.
     rounds : times the moves are repeated from what they found.
@@ -27,7 +27,8 @@ class Effort:
     keep: int = 10
     solve: int = 24
     drop: float = 15.0
-    alternatives: int = 3
+    ranked: int = 3
+    depth: int = 10
     finalists: int = 3
     moves: int = 16
     rounds: int = 4

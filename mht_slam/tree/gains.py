@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mht_slam.arrays import FloatArray
+from mht_slam.association import MISSED
 from mht_slam.evidence.visibility import (
     detection_chances,
     log_bearing_density,
@@ -20,6 +21,8 @@ from mht_slam.tree.proposals import Proposals
 from mht_slam.tree.setting import Setting
 
 N_RANGES = 16
+CERTAIN = 1e6
+"""Gain, in nats, of a match that equal labels demand."""
 NEAREST = 0.3
 """Range tried for a landmark seen once, in baselines; the farthest is three prior sigmas."""
 
@@ -94,7 +97,29 @@ def match_gains(setting: Setting, branch: Branch, proposals: Proposals) -> Gains
     if s:
         table[:, n:] = _pair_gains(setting, branch, proposals)
     table -= new_alone[None, None, :]
+    table += _label_gains(setting, branch)
     return Gains(table, missed_now.sum(axis=1))
+
+
+def _label_gains(setting: Setting, branch: Branch) -> FloatArray:
+    """(n + s, d) gains by known identities: equal labels must meet, different ones must not."""
+    labels = [scan.labels or (None,) * len(scan) for scan in setting.problem.scans]
+    groups = [[(k, d) for k, d in enumerate(row) if d != MISSED] for row in branch.table.tolist()]
+    groups += [[(k, d)] for k, d in branch.singles.tolist()]
+    known = [{labels[k][d] for k, d in group} - {None} for group in groups]
+    theirs = labels[len(branch.poses)]
+    gains = np.zeros((len(known), len(theirs)))
+    for i, mine in enumerate(known):
+        for j, label in enumerate(theirs):
+            if label is None:
+                forbidden = any(own in theirs for own in mine)
+            elif label in mine:
+                gains[i, j] = CERTAIN
+                continue
+            else:
+                forbidden = bool(mine) or any(label in others for others in known)
+            gains[i, j] = -np.inf if forbidden else 0.0
+    return gains
 
 
 def _weights_alone(setting: Setting, branch: Branch, proposals: Proposals, k: int) -> FloatArray:

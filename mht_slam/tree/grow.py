@@ -46,7 +46,8 @@ def next_scan(setting: Setting, effort: Effort, leaves: Sequence[Branch]) -> lis
             gains.table,
             proposals.log_prior + gains.alone,
             drop=effort.drop,
-            alternatives=effort.alternatives,
+            n_ranked=effort.ranked,
+            depth=effort.depth,
         )
         options += [
             (branch.log_score + c.log_gain, branch, c, proposals.motions[c.proposal])

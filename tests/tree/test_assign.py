@@ -1,0 +1,62 @@
+"""Matchings come in the order of their gains, none missing, none twice."""
+
+from __future__ import annotations
+
+from itertools import combinations, permutations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from mht_slam.tree.assign import best_matchings, ranked_matchings
+
+GAINS = npst.arrays(
+    np.float64,
+    st.tuples(st.integers(0, 4), st.integers(0, 3)),
+    elements=st.sampled_from([0.0, 0.5, 1.0, 2.5, 7.25]),
+)
+
+
+def every_matching(gains: np.ndarray) -> dict[tuple[tuple[int, int], ...], float]:
+    """All sets of pairs of positive gain that share neither row nor column."""
+    rows, columns = gains.shape
+    result = {}
+    for size in range(min(rows, columns) + 1):
+        for chosen in combinations(range(rows), size):
+            for order in permutations(range(columns), size):
+                pairs = tuple(zip(chosen, order, strict=True))
+                if all(gains[pair] > 0.0 for pair in pairs):
+                    result[pairs] = float(sum(gains[pair] for pair in pairs))
+    return result
+
+
+@given(GAINS)
+def test_ranked_matchings_are_all_matchings_best_first(gains: np.ndarray) -> None:
+    expected = every_matching(gains)
+    found = list(ranked_matchings(gains))
+    assert len(found) == len(expected)
+    assert {matches: pytest.approx(gain) for matches, gain in found} == expected
+    ordered = [gain for _, gain in found]
+    assert ordered == sorted(ordered, reverse=True)
+
+
+@given(
+    npst.arrays(np.float64, (3, 3, 3), elements=st.floats(-5.0, 5.0)),
+    npst.arrays(np.float64, 3, elements=st.floats(-5.0, 5.0)),
+)
+def test_the_best_over_all_proposals_is_the_best_of_any(
+    gains: np.ndarray, offsets: np.ndarray
+) -> None:
+    expected: dict[tuple[tuple[int, int], ...], float] = {}
+    for own, offset in zip(gains, offsets, strict=True):
+        for matches, gain in every_matching(np.maximum(own, 0.0)).items():
+            expected[matches] = max(expected.get(matches, -np.inf), offset + gain)
+    top = max(expected.values())
+    within = {matches: gain for matches, gain in expected.items() if gain >= top - 4.0}
+    found = best_matchings(gains, offsets, drop=4.0, n_ranked=3, depth=1000)
+    assert {c.matches for c in found} == set(within)
+    assert found[0].log_gain == pytest.approx(top)
+    for candidate in found:
+        assert candidate.log_gain == pytest.approx(within[candidate.matches])
