@@ -11,6 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from mht_slam import presets as presets
     from mht_slam.association import Association as Association
     from mht_slam.comparison import Comparison as Comparison
     from mht_slam.comparison import compare as compare
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from mht_slam.consistency.tightest import tightest_association as tightest_association
     from mht_slam.evidence.quadrature import evidence_by_quadrature as evidence_by_quadrature
     from mht_slam.evidence.quadrature import rank_by_evidence as rank_by_evidence
+    from mht_slam.fitting import fit_observation_model as fit_observation_model
     from mht_slam.graph.observability import Observability as Observability
     from mht_slam.graph.observability import observability as observability
     from mht_slam.graph.refine import refine as refine
@@ -58,6 +60,7 @@ _HOME = {
     "compare": "comparison",
     "consistent_associations": "consistency.consistent_set",
     "evidence_by_quadrature": "evidence.quadrature",
+    "fit_observation_model": "fitting",
     "observability": "graph.observability",
     "rank": "polygon.ranking",
     "rank_by_evidence": "evidence.quadrature",
@@ -66,6 +69,8 @@ _HOME = {
     "solve": "pipeline",
     "tightest_association": "consistency.tightest",
 }
+
+_MODULES = ("presets",)
 
 __all__ = sorted(_HOME)
 
@@ -76,6 +81,8 @@ except PackageNotFoundError:  # a source tree that was never installed
 
 
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return import_module(f"mht_slam.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'mht_slam' has no attribute {name!r}")
     value = getattr(import_module(f"mht_slam.{_HOME[name]}"), name)
@@ -84,4 +91,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+    return sorted({*globals(), *_HOME, *_MODULES})

@@ -37,6 +37,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "models": {"errors", "arrays", "measurements", "association"},
     "hypotheses": {"errors", "arrays", "measurements", "association", "models"},
     "comparison": set(VALUES),
+    "presets": {"models"},
     "simulation": set(VALUES),
     "datasets": set(VALUES),
     "consistency": set(FOUNDATION),
@@ -47,6 +48,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "tree": {*FOUNDATION, "evidence", "factors", "graph"},
     "tracking": {*FOUNDATION, "consistency"},  # graph would bring GTSAM along
     "pipeline": {*FOUNDATION, *MAIN_JOB},
+    "fitting": {*FOUNDATION, "evidence", "graph", "tree"},
     "incremental": {*FOUNDATION, *MAIN_JOB},
     "evaluation": {*FOUNDATION, *MAIN_JOB, "incremental"},
     "plotting": {*FOUNDATION, *MAIN_JOB, "incremental", "evaluation"},

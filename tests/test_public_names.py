@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import subprocess
+import sys
 from importlib import metadata
 from pathlib import Path
 
@@ -29,6 +31,7 @@ CONTRACT = [
     "compare",
     "consistent_associations",
     "evidence_by_quadrature",
+    "fit_observation_model",
     "observability",
     "rank",
     "rank_by_evidence",
@@ -53,6 +56,14 @@ def test_every_public_name_loads_and_documents_itself(name: str) -> None:
         public = not member.startswith("_")
         if public and (inspect.isfunction(attribute) or isinstance(attribute, property)):
             assert attribute.__doc__, f"{name}.{member} has no docstring"
+
+
+def test_the_presets_are_at_hand_without_an_import_of_their_own() -> None:
+    program = "import mht_slam; print(mht_slam.presets.laser().motion, 'presets' in dir(mht_slam))"
+    done = subprocess.run(  # noqa: S603 - our own interpreter and program
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["smooth", "True"]
 
 
 def test_a_name_that_does_not_exist_is_an_attribute_error() -> None:
