@@ -24,6 +24,12 @@ PANEL_SPREADS = 5.0
 """Widest panel, in the narrowest spread of any association that counts: two nodes a spread."""
 FIRST_PANELS = 32
 MAX_SPLITS = 16
+MOST_PANELS = 500
+"""From so many panels on none is halved any more: an ordinary scene has dozens.
+
+Where scans contradict each other by millions of nats, the clusters' tables are rough and every
+ratio may count, which would fill the memory.
+"""
 
 
 @dataclass(frozen=True)
@@ -128,7 +134,8 @@ def panel_grid(
         row_precision = np.zeros_like(row_top)
         np.maximum.at(row_precision, rows, np.where(alive, sharpest, 0.0))
         precision = row_precision.sum(axis=0) + 1.0 / model.log_step_sigma**2
-        resolved = (width * np.sqrt(precision) <= PANEL_SPREADS) | (split == MAX_SPLITS)
+        last = split == MAX_SPLITS or len(open_panels) > MOST_PANELS
+        resolved = (width * np.sqrt(precision) <= PANEL_SPREADS) | last
         done.append(open_panels[kept & resolved])
         rest = open_panels[kept & ~resolved]
         middle = rest.mean(axis=1)

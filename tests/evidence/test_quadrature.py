@@ -370,3 +370,13 @@ def test_sigmas_that_the_tables_do_not_resolve_are_refused() -> None:
         rank_by_evidence(run, sigma=0.02)
     with pytest.raises(OptionError, match="use refine"):
         evidence_by_quadrature(run, [], sigma=0.02)
+
+
+def test_scans_that_contradict_each_other_utterly_fit_into_memory() -> None:
+    """Landmarks within a millionth of one point, and bearings that say otherwise."""
+    bearings = [[1.83, 3.0, 1.83], [1.83, 1.83, 3.0], [1.83, 1.83, 3.0]]
+    run = StraightRun(BearingScan(b) for b in bearings)
+    model = ObservationModel(sigma=0.02, landmark_sigma=1e-6)
+    best = rank_by_evidence(run, model=model, work_limit=10)
+    assert best.complete or best.covered == 1.0
+    assert all(np.isfinite(h.log_evidence) for h in best)
