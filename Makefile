@@ -12,7 +12,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test lint format types docs wheel-check bench-calibration bench-ranking bench-three-scans lock clean
+.PHONY: help venv demo test fuzz lint format types docs wheel-check bench-calibration bench-ranking bench-three-scans lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -33,6 +33,9 @@ demo: $(STAMP) ## the paper's scene from bearings to compared hypotheses: a tabl
 
 test: $(STAMP) ## every test and every example in the docstrings
 	MPLBACKEND=Agg $(BIN)/python -m pytest -n $(JOBS)
+
+fuzz: $(STAMP) ## 10,000 hostile inputs, each batch in an interpreter of its own: up to an hour
+	MPLBACKEND=Agg $(BIN)/python tests/fuzz/campaign.py --examples 10000
 
 lint: $(STAMP) ## ruff: rules and formatting
 	$(BIN)/ruff check .
