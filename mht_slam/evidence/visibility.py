@@ -50,7 +50,7 @@ def log_visibility(
     for k in range(m):
         ended = np.where(seen[:, k], 0.0, np.where(unseen_yet, 0.0, ended + leave * begun))
         births = np.where(unseen_yet, 1.0 if k == 0 else leave, 0.0)
-        begun = outcome[:, k] * (stay_probability * begun + births / np.exp(log_scale))
+        begun = outcome[:, k] * (stay_probability * begun + births)
         unseen_yet = unseen_yet & ~seen[:, k]
         total = np.where(unseen_yet, 1.0, begun + ended)
         shrink = np.where(total > 0.0, total, 1.0)
