@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from mht_slam.evaluation.calibration import reliability_curve
 from mht_slam.evaluation.significance import wilson_interval
 
-FEWEST = 30
-"""Candidates of a bin that is drawn."""
+FEWEST = 15
+"""Candidates of a bin that is drawn; a curve breaks at bins with fewer."""
 STYLES: dict[str, dict[str, object]] = {
     POLYGONS[-1]: {"color": "0.55", "marker": "s", "linestyle": "--"},
     LIKELIHOOD: {"color": "#2f6fad", "marker": "^", "linestyle": ":"},
@@ -77,17 +77,16 @@ def _draw_curve(
     if not said:
         return
     curve = reliability_curve(said, "all")
-    bins = np.flatnonzero(curve.counts >= FEWEST)
-    rate = curve.rate[bins]
+    drawn = curve.counts >= FEWEST
+    rate = np.where(drawn, curve.rate, np.nan)
     intervals = [
-        wilson_interval(round(curve.rate[b] * curve.counts[b]), int(curve.counts[b])) for b in bins
+        wilson_interval(round(count * share) if count else 0, count)
+        for count, share in zip(curve.counts.tolist(), curve.rate.tolist(), strict=True)
     ]
-    errors = [
-        [max(i.estimate - i.low, 0.0) for i in intervals],
-        [max(i.high - i.estimate, 0.0) for i in intervals],
-    ]
+    low, high = (np.array([getattr(i, end) for i in intervals]) for end in ("low", "high"))
+    errors = np.where(drawn, np.maximum([rate - low, high - rate], 0.0), np.nan)
     axes.errorbar(
-        curve.mean_probability[bins] + sidestep,
+        curve.mean_probability + sidestep,
         rate,
         yerr=errors,
         label=scorer,

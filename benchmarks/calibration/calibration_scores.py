@@ -163,6 +163,8 @@ def _candidates(
 
 def _polygon_shares(candidates: list[Association], ranking: Ranking | None) -> list[float]:
     """Scores made to sum to one over the candidates; equal shares where all are zero."""
+    if not candidates:
+        return []
     known = {h.association: h.score for h in ranking or ()}
     scores = np.array([known.get(each, 0.0) for each in candidates])
     total = float(scores.sum())
