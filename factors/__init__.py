@@ -20,6 +20,7 @@ from mht_slam.factors.motion import log_step as log_step
 from mht_slam.factors.motion import odometry as odometry
 from mht_slam.factors.motion import on_line as on_line
 from mht_slam.factors.motion import smooth_motion as smooth_motion
+from mht_slam.factors.motion import standstill as standstill
 from mht_slam.factors.motion import step_change as step_change
 from mht_slam.factors.motion import straight_segment as straight_segment
 from mht_slam.factors.motion import turn as turn
@@ -46,6 +47,7 @@ __all__ = [
     "on_line",
     "position_prior",
     "smooth_motion",
+    "standstill",
     "step_change",
     "straight_segment",
     "turn",

@@ -105,6 +105,12 @@ def turn(pose: int, next_pose: int, sigma: float) -> gtsam.BetweenFactorPose2:
     return gtsam.BetweenFactorPose2(pose, next_pose, gtsam.Pose2(), noise)
 
 
+def standstill(pose: int, next_pose: int, sigma: float) -> gtsam.BetweenFactorPose2:
+    """The same pose twice, up to `sigma` in each of x, y and heading."""
+    noise = gtsam.noiseModel.Isotropic.Sigma(3, sigma)
+    return gtsam.BetweenFactorPose2(pose, next_pose, gtsam.Pose2(), noise)
+
+
 def drift(pose: int, next_pose: int, sigma: float) -> gtsam.BearingFactorPose2:
     """Direction of the next pose from this one: straight ahead, up to `sigma` (radians)."""
     noise = gtsam.noiseModel.Isotropic.Sigma(1, sigma)

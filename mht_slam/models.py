@@ -44,7 +44,7 @@ class ObservationModel:
     - ``straight``: one line and one heading, unknown steps; `heading_sigma`, `lateral_sigma`,
       `log_step_mean`, `log_step_sigma`.
     - ``smooth``: each motion resembles the one before; `turn_sigma`, `drift_sigma`,
-      `step_change_sigma`.
+      `step_change_sigma`, `stops`.
     - ``odometry``: as the scans' odometry says, in metres.
     - ``free``: each pose lies somewhere about the one before, within `log_step_sigma` of the first
       baseline in length and with any direction and heading.
@@ -84,6 +84,9 @@ class ObservationModel:
     """Angle between a step and the heading at its start, radians (``smooth``)."""
     step_change_sigma: float = 0.2
     """Standard deviation of ln(next step / step) (``smooth``)."""
+    stops: bool = False
+    """Whether the robot may stand still: scans whose bearings did not change are taken at one place
+    (``smooth``)."""
     detection_probability: float | None = None
     """P_D, the chance that a landmark in view is detected; None leaves misses out of the model."""
     false_alarm_rate: float | None = None

@@ -320,10 +320,11 @@ def seen_once_weights(setting: Setting, poses: FloatArray, singles: IntArray) ->
 def newest_motion_factors(problem: Problem, poses: FloatArray) -> list[gtsam.NonlinearFactor]:
     """Motion factors that the last scan adds; with the second scan, those of both.
 
-    No factor reaches back further than three scans.
+    No factor reaches back further than to the step before.
     """
     k = len(poses)
-    start = max(0, k - 3)
+    before = [i for i in problem.moves if i < k - 2]
+    start = before[-1] if before and k - 2 in problem.moves else max(0, k - 2)
     keys = tuple(X(i) for i in range(start, k))
     recent = motion_factors(problem.part(start, k), keys, poses[start:])
     return recent if k == 2 else [f for f in recent if keys[-1] in list(f.keys())]

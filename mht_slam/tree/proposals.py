@@ -45,14 +45,18 @@ def propose(problem: Problem, poses: FloatArray) -> Proposals:
     first = len(poses) == 1
     last_heading = float(poses[-1, 2])
     if model.motion == "smooth":
-        turns, side = model.turn_sigma * TURNS, model.drift_sigma
-        if first:
-            steps, changes = np.array([problem.baseline]), np.zeros(1)
-        else:
-            length = float(np.linalg.norm(poses[-1, :2] - poses[-2, :2]))
-            changes = STEP_CHANGES
-            steps = length * np.exp(model.step_change_sigma * changes)
-        direction = 0.0
+        k = len(poses) - 1
+        if k not in problem.moves:
+            return Proposals(np.zeros((1, 3)), np.zeros(1), 0.0, np.zeros(1))
+        turns, side, direction = model.turn_sigma * TURNS, model.drift_sigma, 0.0
+        steps, changes = np.array([problem.baseline]), np.zeros(1)
+        before = [i for i in problem.moves if i < k]
+        if before:
+            i = before[-1]
+            length = float(np.linalg.norm(poses[i + 1, :2] - poses[i, :2]))
+            changes = STEP_CHANGES if i == k - 1 else UNKNOWN_STEPS
+            spread = model.step_change_sigma if i == k - 1 else 1.0
+            steps = length * np.exp(spread * changes)
     else:
         turns = problem.heading_sigma * TURNS if model.heading_sigma > 0.0 else np.zeros(1)
         turns = turns - last_heading

@@ -68,6 +68,7 @@ FACTORS: dict[str, tuple[Any, float]] = {
         0.5 * ((math.log(math.hypot(1.5, 0.5)) - 0.1) / 0.7) ** 2,
     ),
     "turn": (factors.turn(POSE, OTHER, 0.2), 0.5 * (0.3 / 0.2) ** 2),
+    "standstill": (factors.standstill(POSE, OTHER, 0.2), math.nan),
     "drift": (
         factors.drift(POSE, OTHER, 0.1),
         0.5 * ((math.atan2(-0.5, 1.5) - 0.2) / 0.1) ** 2,
