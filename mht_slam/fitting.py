@@ -49,7 +49,8 @@ PROBABILITIES = ("detection_probability", "stay_probability")
 DEFAULT_EFFORT = Effort(keep=4, solve=8)
 FIRST_STEP = 0.5
 """Step of a search in the first round, in log or log odds; half of it in each later round."""
-MAX_STRIDES = 4
+MAX_STRIDES = 1
+"""Strides beyond the first: associations found under one model say little of a distant one."""
 SWEEPS = 4
 """Searches over each of `OF_PATTERN` in a round: they are cheap, and depend on each other."""
 NEGLIGIBLE = 6.0
@@ -133,16 +134,13 @@ def fit_observation_model(
     parameters : names out of `PARAMETERS`; a parameter that is not at work in `start` (a None, a
         probability of 1, a motion of another kind) cannot be fitted.
     rounds : at least 1; three bring a start within a factor of two or three to rest.
-    effort : how hard the trees search; by default 4 branches kept of 8 solved, which is less than
-        ranking needs, since an average over runs forgives the loss of a branch.
+    effort : how hard the trees search; by default `DEFAULT_EFFORT`, less than ranking needs.
     executor : solves runs in parallel; the result does not depend on it.
     progress : called as ``progress(done, total)``.
 
-    The result is deterministic. A search over one parameter at a time finds a local maximum, and
-    some parameters hold each other: false alarms against landmarks that stay for one scan,
-    `stay_probability` against `detection_probability`, and `landmark_sigma` against
-    `expected_landmarks`, whose ratio, the density of landmarks, is better known than either.
-    A handful of short runs does not fix all nine; see `standard_errors`.
+    The result is deterministic, and a local maximum. Some parameters hold each other: false alarms
+    and landmarks that stay for one scan, `stay_probability` and `detection_probability`, and
+    `landmark_sigma` and `expected_landmarks`, of which the density of landmarks is known better.
 
     Raises `OptionError` for parameters that cannot be fitted, a model that cannot compare
     associations of different size, no runs, runs whose detections carry labels, or a start under
@@ -155,17 +153,17 @@ def fit_observation_model(
     effort = DEFAULT_EFFORT if effort is None else effort
     ordered = [name for name in parameters if name not in OF_PATTERN]
     ordered += SWEEPS * [name for name in parameters if name in OF_PATTERN]
-    model, done, total = start, 0, rounds * (1 + len(ordered))
+    model = start
     history: list[FitRound] = []
     errors: dict[str, float] = {}
     for turn in range(rounds):
         objective = _associate(runs, model, effort, executor)
         state = objective.start
         before = state.log_evidence
-        done = _report(progress, done, total)
-        for name in ordered:
+        for k, name in enumerate(ordered, start=1):
             state, errors[name] = _climb(objective, state, name, FIRST_STEP / 2.0**turn)
-            done = _report(progress, done, total)
+            if progress is not None:
+                progress(turn * len(ordered) + k, rounds * len(ordered))
         model = state.model
         history.append(FitRound(model, before, state.log_evidence, len(objective.runs)))
     return FittedModel(
@@ -202,12 +200,6 @@ def _check(runs: Sequence[StraightRun], start: ObservationModel, names: Sequence
                 f"{name} is {value} in start: start between {low:g} and {high:g}, or leave it "
                 "out of parameters"
             )
-
-
-def _report(progress: Progress | None, done: int, total: int) -> int:
-    if progress is not None:
-        progress(done + 1, total)
-    return done + 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,16 +17,16 @@ from mht_slam.tree.grow import Effort
 
 SMALL = Effort(keep=2, solve=4)
 TRUE = ms.ObservationModel(
-    sigma=np.deg2rad(0.5),
+    sigma=np.deg2rad(0.3),
     motion="smooth",
     turn_sigma=np.deg2rad(3.0),
     drift_sigma=np.deg2rad(3.0),
     step_change_sigma=0.2,
     landmark_sigma=6.0,
     detection_probability=0.85,
-    false_alarm_rate=0.1,
+    false_alarm_rate=0.03,
     expected_landmarks=6.0,
-    stay_probability=0.92,
+    stay_probability=0.95,
 )
 SURE = replace(TRUE, sigma=np.deg2rad(0.05), stay_probability=1.0, false_alarm_rate=1e-5)
 """A model whose associations leave no doubt and whose landmarks never leave."""
@@ -46,7 +46,7 @@ def recovered():
         step_change_sigma=0.4,
         landmark_sigma=12.0,
         detection_probability=0.7,
-        false_alarm_rate=0.2,
+        false_alarm_rate=0.1,
         expected_landmarks=10.0,
         stay_probability=0.85,
     )

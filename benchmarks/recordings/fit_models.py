@@ -11,7 +11,7 @@ set whose model is there is not fitted again.
 
 Fields of view are data of the sensors: the camera's bearings on the tuning half end at -53 and
 +55 degrees, the laser sees a half circle. Tails are not fitted (`mht_slam.fit_observation_model`
-says why): four degrees of freedom.
+says why): four degrees of freedom, as good a guess as eight or none.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from rich.progress import Progress
 
 import mht_slam as ms
 from mht_slam.datasets.dlr import read_dlr
-from mht_slam.datasets.dlr_runs import LabelledRun, all_scan_runs, relaxed_runs
+from mht_slam.datasets.dlr_runs import all_scan_runs, relaxed_runs
+from mht_slam.datasets.labelled_runs import LabelledRun
 from mht_slam.datasets.victoria_park import read_victoria_park
 from mht_slam.datasets.victoria_park_runs import straight_window_runs
 from mht_slam.errors import MhtSlamError
