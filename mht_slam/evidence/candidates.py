@@ -120,7 +120,8 @@ def check_sizes(associations: Iterable[Association], model: ObservationModel) ->
     """Raise `OptionError` for associations whose sizes differ, unless the model compares them."""
     if model.compares_sizes:
         return
-    sizes = {(a.n_landmarks, a.n_missed, len(a.false_alarms)) for a in associations}
+    # Over the same scans these two numbers leave one number of false alarms.
+    sizes = {(a.n_landmarks, a.n_missed) for a in associations}
     if len(sizes) > 1:
         raise OptionError(
             "the candidates differ in their numbers of landmarks, misses or false alarms: give a "

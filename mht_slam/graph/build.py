@@ -1,16 +1,18 @@
-"""From an association to a GTSAM factor graph."""
+"""From an association to a GTSAM factor graph, with factors that all associations share."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import gtsam
-import numpy as np
 from gtsam.symbol_shorthand import L, X
 
 from mht_slam import factors
 from mht_slam.arrays import FloatArray, IntArray
-from mht_slam.graph.motion import motion_factors
+from mht_slam.association import MISSED
+from mht_slam.graph.motion import fixed_motion_factors, linearised_motion_factors
 from mht_slam.graph.problem import Problem
 
 
@@ -27,6 +29,106 @@ def graph_keys(n_scans: int, n_landmarks: int) -> GraphKeys:
     return GraphKeys(tuple(X(k) for k in range(n_scans)), tuple(L(i) for i in range(n_landmarks)))
 
 
+@dataclass(frozen=True)
+class NormalisedGraph:
+    """A graph and what its factors' densities are normalised by.
+
+    Attributes
+    ----------
+    graph : all factors.
+    log_normaliser : the sum over those that hang on no estimate.
+    linearised : those that were linearised at an estimate.
+    """
+
+    graph: gtsam.NonlinearFactorGraph
+    log_normaliser: float
+    linearised: Sequence[gtsam.NonlinearFactor] = ()
+
+    def log_density(self, values: gtsam.Values) -> float:
+        """Log of the product of all factors' normalised densities at `values`."""
+        normaliser = self.log_normaliser + sum(map(factors.log_normaliser, self.linearised))
+        return normaliser - float(self.graph.error(values))
+
+
+class FactorPool:
+    """A problem with every factor that does not depend on an estimate, made once.
+
+    Associations of a problem differ only in which bearing goes to which landmark, and a
+    `NonlinearFactorGraph` holds pointers: graphs of different associations share their factors.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self._keys: dict[int, GraphKeys] = {}
+        self._rows: dict[tuple[int, tuple[int, ...]], NormalisedGraph] = {}
+        self._bearings: dict[tuple[int, int, int], tuple[gtsam.NonlinearFactor, float]] = {}
+
+    def keys(self, n_landmarks: int) -> GraphKeys:
+        """Return the keys of a graph with so many landmarks."""
+        if n_landmarks not in self._keys:
+            self._keys[n_landmarks] = graph_keys(len(self.problem.scans), n_landmarks)
+        return self._keys[n_landmarks]
+
+    def unlinearised(self, table: IntArray) -> NormalisedGraph:
+        """Return an association's graph without the factors that are linearised at an estimate."""
+        graph = gtsam.NonlinearFactorGraph(self._fixed.graph)
+        log_normaliser = self._fixed.log_normaliser
+        for number, row in enumerate(table.tolist()):
+            of_landmark = self._of_landmark(number, tuple(row))
+            graph.push_back(of_landmark.graph)
+            log_normaliser += of_landmark.log_normaliser
+        return NormalisedGraph(graph, log_normaliser)
+
+    def linearised(self, unlinearised: NormalisedGraph, poses: FloatArray) -> NormalisedGraph:
+        """Return the whole graph, the log-normal step priors linearised about (m, 3) `poses`."""
+        graph = gtsam.NonlinearFactorGraph(unlinearised.graph)
+        linearised = linearised_motion_factors(self.problem, self.keys(0).scans, poses)
+        for factor in linearised:
+            graph.add(factor)
+        return NormalisedGraph(graph, unlinearised.log_normaliser, linearised)
+
+    @cached_property
+    def _fixed(self) -> NormalisedGraph:
+        graph = gtsam.NonlinearFactorGraph()
+        log_normaliser = 0.0
+        for factor in fixed_motion_factors(self.problem, self.keys(0).scans):
+            graph.add(factor)
+            log_normaliser += factors.log_normaliser(factor)
+        return NormalisedGraph(graph, log_normaliser)
+
+    def _of_landmark(self, number: int, row: tuple[int, ...]) -> NormalisedGraph:
+        """The prior and the bearings of one landmark."""
+        key = number, row
+        if key not in self._rows:
+            model = self.problem.model
+            graph = gtsam.NonlinearFactorGraph()
+            prior = factors.landmark_prior(L(number), model.landmark_centre, model.landmark_sigma)
+            graph.add(prior)
+            log_normaliser = factors.log_normaliser(prior)
+            for scan, detection in enumerate(row):
+                if detection != MISSED:
+                    bearing, normaliser = self._bearing(number, scan, detection)
+                    graph.add(bearing)
+                    log_normaliser += normaliser
+            self._rows[key] = NormalisedGraph(graph, log_normaliser)
+        return self._rows[key]
+
+    def _bearing(
+        self, number: int, scan: int, detection: int
+    ) -> tuple[gtsam.NonlinearFactor, float]:
+        key = number, scan, detection
+        if key not in self._bearings:
+            factor = factors.bearing(
+                X(scan),
+                L(number),
+                float(self.problem.scans[scan].bearings[detection]),
+                float(self.problem.sigmas[scan][detection]),
+                self.problem.model.bearing_dof,
+            )
+            self._bearings[key] = factor, factors.log_normaliser(factor)
+        return self._bearings[key]
+
+
 def build_graph(problem: Problem, table: IntArray, poses: FloatArray) -> gtsam.NonlinearFactorGraph:
     """Build the graph of one association.
 
@@ -40,31 +142,12 @@ def build_graph(problem: Problem, table: IntArray, poses: FloatArray) -> gtsam.N
     Every factor is a normalised density (docs/method.md, section 4): bearings; an isotropic
     landmark prior; the gauge and the motion model (`mht_slam.graph.motion`).
     """
-    keys = graph_keys(len(problem.scans), len(table))
-    graph = gtsam.NonlinearFactorGraph()
-    sightings = problem.sightings(table)
-    bearings, sigmas = sightings.bearings.tolist(), sightings.sigmas.tolist()
-    for row, scan in np.argwhere(sightings.seen).tolist():
-        graph.push_back(
-            factors.bearing(
-                keys.scans[scan],
-                keys.landmarks[row],
-                bearings[row][scan],
-                sigmas[row][scan],
-                problem.model.bearing_dof,
-            )
-        )
-    model = problem.model
-    for key in keys.landmarks:
-        graph.push_back(factors.landmark_prior(key, model.landmark_centre, model.landmark_sigma))
-    for factor in motion_factors(problem, keys.scans, poses):
-        graph.push_back(factor)
-    return graph
+    pool = FactorPool(problem)
+    return pool.linearised(pool.unlinearised(table), poses).graph
 
 
-def make_values(poses: FloatArray, landmarks: FloatArray) -> gtsam.Values:
-    """Put (m, 3) poses and (n, 2) landmarks into GTSAM values under `graph_keys`."""
-    keys = graph_keys(len(poses), len(landmarks))
+def make_values(keys: GraphKeys, poses: FloatArray, landmarks: FloatArray) -> gtsam.Values:
+    """Put (m, 3) poses and (n, 2) landmarks into GTSAM values."""
     values = gtsam.Values()
     for key, (x, y, theta) in zip(keys.scans, poses.tolist(), strict=True):
         values.insert(key, gtsam.Pose2(x, y, theta))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+from scipy.linalg import lapack
 
 from mht_slam import factors
 from mht_slam.arrays import FloatArray
@@ -43,14 +44,15 @@ def laplace(
     graph: gtsam.NonlinearFactorGraph,
     values: gtsam.Values,
     curvature: gtsam.NonlinearFactorGraph | None = None,
+    log_density: float | None = None,
 ) -> Laplace:
     """Approximate the integral of a graph's density over all its variables.
 
     log Z = log p(Z, theta^) + (d / 2) log 2 pi - (1 / 2) log |H| with the Gauss-Newton Hessian H
     of the graph at the optimum theta^ and d unknowns (docs/method.md, section 4). All normalisers
     are kept. Where the optimum is one over other coordinates, `curvature` is the graph with the
-    volumes of these, whose Hessian counts. Raises `SingularGraphError` naming the offending
-    eigenvalues.
+    volumes of these, whose Hessian counts. `log_density` is the graph's at `values`, where the
+    caller knows it. Raises `SingularGraphError` naming the offending eigenvalues.
     """
     try:
         hessian = (graph if curvature is None else curvature).linearize(values).hessian()[0]
@@ -59,25 +61,46 @@ def laplace(
             "a standard deviation in the graph is below 1e-8: give the model, or the scale, in "
             "larger units"
         ) from cause
-    if not np.isfinite(hessian).all():
+    diagonal = hessian.diagonal()
+    if not math.isfinite(hessian.sum()):
         raise SingularGraphError("the Hessian at the optimum is not finite")
-    diagonal = np.diag(hessian)
-    if not (diagonal > 0.0).all():
+    if not diagonal.min() > 0.0:
         raise SingularGraphError("the Hessian at the optimum has an empty row")
     scale = 1.0 / np.sqrt(diagonal)
-    eigenvalues, vectors = np.linalg.eigh(hessian * scale * scale[:, None])
+    outer = scale * scale[:, None]
+    scaled = hessian * outer
+    root, inverse = _root_and_inverse(scaled)
+    log_determinant = 2.0 * float(np.log(root.diagonal()).sum()) + float(np.log(diagonal).sum())
+    dimension = len(hessian)
+    if log_density is None:
+        log_density = factors.log_density(graph, values)
+    log_evidence = log_density + 0.5 * dimension * math.log(2.0 * math.pi) - 0.5 * log_determinant
+    return Laplace(log_evidence, log_determinant, inverse * outer)
+
+
+def _root_and_inverse(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Cholesky factor and inverse of a symmetric matrix that is sound enough to be inverted.
+
+    The condition in the 1-norm, which the inverse gives for nothing, bounds that in the 2-norm; so
+    the eigenvalues are needed only where it says that there may be trouble.
+    """
+    root, order = lapack.dpotrf(matrix, lower=1)
+    if order != 0:
+        _check_eigenvalues(matrix)
+        raise SingularGraphError("the Hessian at the optimum has no Cholesky factor")
+    inverse_root = lapack.dtrtri(root, lower=1)[0]
+    inverse = inverse_root.T @ inverse_root
+    condition = np.abs(matrix).sum(axis=0).max() * np.abs(inverse).sum(axis=0).max()
+    if not condition <= CONDITION_LIMIT:
+        _check_eigenvalues(matrix)
+    return root, inverse
+
+
+def _check_eigenvalues(matrix: FloatArray) -> None:
+    eigenvalues = np.linalg.eigvalsh(matrix)
     low, high = float(eigenvalues[0]), float(eigenvalues[-1])
     if low <= 0.0 or high / low > CONDITION_LIMIT:
         raise SingularGraphError(
             f"the scaled Hessian at the optimum has eigenvalues from {low:.2g} to {high:.2g}: "
             "some direction is not observed"
         )
-    log_determinant = float(np.log(eigenvalues).sum() + np.log(diagonal).sum())
-    dimension = len(hessian)
-    log_evidence = (
-        factors.log_density(graph, values)
-        + 0.5 * dimension * math.log(2.0 * math.pi)
-        - 0.5 * log_determinant
-    )
-    covariance = ((vectors / eigenvalues) @ vectors.T) * scale * scale[:, None]
-    return Laplace(log_evidence, log_determinant, covariance)

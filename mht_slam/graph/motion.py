@@ -12,6 +12,10 @@ from mht_slam import factors
 from mht_slam.arrays import FloatArray
 from mht_slam.graph.problem import Problem
 
+STILL_SIGMA = 1e-3
+"""How far a robot that stands still moves, baselines, and turns, radians."""
+RESTART_SIGMA = 1.0
+"""Standard deviation of ln(step / step before) across a standstill."""
 ORIGIN_SIGMA = 1e-3
 """Soft gauge of the first pose where odometry gives the scale, metres and radians."""
 
@@ -28,17 +32,40 @@ def motion_factors(
     poses : (m, 3) about which the log-normal step priors are linearised; at the estimate they are
         the estimated poses.
     """
+    fixed = fixed_motion_factors(problem, keys)
+    return [*fixed, *linearised_motion_factors(problem, keys, poses)]
+
+
+def fixed_motion_factors(problem: Problem, keys: tuple[int, ...]) -> list[gtsam.NonlinearFactor]:
+    """Those motion factors that hang on no estimate."""
     if problem.second_run is not None:
-        return _two_straight_runs(problem, keys, poses)
+        return _two_straight_runs(problem, keys)
     match problem.model.motion:
         case "straight":
-            return _straight(problem, keys, poses)
+            return _straight(problem, keys)
         case "smooth":
-            return _smooth(problem, keys, poses)
+            return _smooth(problem, keys)
         case "odometry":
             return _odometry(problem, keys)
         case "free":
-            return [*_gauge(problem, keys), *_log_steps(problem, keys, poses)]
+            return [*_gauge(problem, keys)]
+
+
+def linearised_motion_factors(
+    problem: Problem, keys: tuple[int, ...], poses: FloatArray
+) -> list[gtsam.NonlinearFactor]:
+    """Log-normal priors over steps or their changes, linearised about (m, 3) `poses`."""
+    if problem.model.motion == "smooth":
+        return [
+            factors.step_change((keys[i], keys[j], keys[j + 1]), poses[[i, j, j + 1]], sigma)
+            for i, j, sigma in _step_changes(problem)
+        ]
+    mean, sigma = problem.model.log_step_mean, problem.model.log_step_sigma
+    lengths = problem.free_lengths(poses).tolist()
+    return [
+        factors.log_step(keys[a], keys[b], mean, sigma, around)
+        for (a, b), around in zip(problem.free_steps, lengths, strict=True)
+    ]
 
 
 def log_density_outside(problem: Problem, poses: FloatArray) -> float:
@@ -55,7 +82,7 @@ def log_density_outside(problem: Problem, poses: FloatArray) -> float:
         return -log_two_pi - float(log_lengths[-1])
     match problem.model.motion:
         case "smooth":
-            walk = len(log_lengths) * math.log(problem.model.step_change_sigma)
+            walk = sum(math.log(sigma) for _, _, sigma in _step_changes(problem))
             return -2.0 * float(log_lengths.sum()) - walk
         case "free":
             directions = len(log_lengths) + len(poses)
@@ -68,20 +95,15 @@ def _gauge(problem: Problem, keys: tuple[int, ...]) -> tuple[gtsam.NonlinearFact
     return factors.first_baseline(keys[0], keys[1], length=problem.baseline)
 
 
-def _straight(
-    problem: Problem, keys: tuple[int, ...], poses: FloatArray
-) -> list[gtsam.NonlinearFactor]:
+def _straight(problem: Problem, keys: tuple[int, ...]) -> list[gtsam.NonlinearFactor]:
     return [
         *_gauge(problem, keys),
         *(factors.heading_prior(key, 0.0, problem.heading_sigma) for key in keys),
         *(factors.on_line(key, 0.0, problem.lateral_sigma) for key in keys[2:]),
-        *_log_steps(problem, keys, poses),
     ]
 
 
-def _two_straight_runs(
-    problem: Problem, keys: tuple[int, ...], poses: FloatArray
-) -> list[gtsam.NonlinearFactor]:
+def _two_straight_runs(problem: Problem, keys: tuple[int, ...]) -> list[gtsam.NonlinearFactor]:
     """The second run lies anywhere: a position prior like a landmark's, and any direction."""
     model = problem.model
     third, fourth = keys[2:]
@@ -90,23 +112,40 @@ def _two_straight_runs(
         *(factors.heading_prior(key, 0.0, problem.heading_sigma) for key in keys[:2]),
         factors.position_prior(third, model.landmark_centre, model.landmark_sigma),
         *factors.straight_segment(third, fourth, problem.heading_sigma),
-        *_log_steps(problem, keys, poses),
     ]
 
 
-def _smooth(
-    problem: Problem, keys: tuple[int, ...], poses: FloatArray
-) -> list[gtsam.NonlinearFactor]:
+def _smooth(problem: Problem, keys: tuple[int, ...]) -> list[gtsam.NonlinearFactor]:
+    """The first step points along +x, so its drift is the heading before it."""
     model = problem.model
-    result: list[gtsam.NonlinearFactor] = [*_gauge(problem, keys)]
-    for key, next_key in pairwise(keys):
-        result.append(factors.turn(key, next_key, model.turn_sigma))
-        result.append(factors.drift(key, next_key, model.drift_sigma))
-    result.extend(
-        factors.step_change(three, poses[k : k + 3], model.step_change_sigma)
-        for k, three in enumerate(zip(keys, keys[1:], keys[2:], strict=False))
+    origin, second = factors.first_baseline(
+        keys[0], keys[problem.second_place], length=problem.baseline
     )
+    result: list[gtsam.NonlinearFactor] = [
+        origin,
+        factors.heading_prior(keys[0], 0.0, model.drift_sigma),
+    ]
+    for k, (key, next_key) in enumerate(pairwise(keys)):
+        if k not in problem.moves:
+            result.append(factors.standstill(key, next_key, STILL_SIGMA * problem.baseline))
+            continue
+        result.append(factors.turn(key, next_key, model.turn_sigma))
+        if k == problem.moves[0]:
+            result.append(second)
+        else:
+            result.append(factors.drift(key, next_key, model.drift_sigma))
     return result
+
+
+def _step_changes(problem: Problem) -> list[tuple[int, int, float]]:
+    """Scans from which two consecutive steps set out, and how much the second may differ.
+
+    After a standstill a step may have any length.
+    """
+    walk = problem.model.step_change_sigma
+    return [
+        (i, j, walk if j == i + 1 else max(walk, RESTART_SIGMA)) for i, j in pairwise(problem.moves)
+    ]
 
 
 def _odometry(problem: Problem, keys: tuple[int, ...]) -> list[gtsam.NonlinearFactor]:
@@ -119,15 +158,3 @@ def _odometry(problem: Problem, keys: tuple[int, ...]) -> list[gtsam.NonlinearFa
         assert motion.covariance is not None  # noqa: S101 - `make_problem` refuses such scans
         result.append(factors.odometry(key, next_key, increments, motion.covariance))
     return result
-
-
-def _log_steps(
-    problem: Problem, keys: tuple[int, ...], poses: FloatArray
-) -> list[gtsam.NonlinearFactor]:
-    """Log-normal step priors, linearised about the lengths in `poses`."""
-    mean, sigma = problem.model.log_step_mean, problem.model.log_step_sigma
-    lengths = problem.free_lengths(poses).tolist()
-    return [
-        factors.log_step(keys[a], keys[b], mean, sigma, around)
-        for (a, b), around in zip(problem.free_steps, lengths, strict=True)
-    ]

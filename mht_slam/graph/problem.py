@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from mht_slam.arrays import BoolArray, FloatArray, IntArray, finite_number, freeze
 from mht_slam.association import MISSED
 from mht_slam.errors import OptionError
+from mht_slam.graph.standstill import standstills
 from mht_slam.measurements import BearingScan, Odometry, RunPair, StraightRun
 from mht_slam.models import ObservationModel
 
@@ -35,6 +37,7 @@ class Problem:
     model : lengths in the problem's unit.
     baseline : |O1 O2| in the problem's unit.
     second_run : index of the first scan of a second straight run, or None.
+    still : for each step whether the robot stood still; empty where it never does.
     """
 
     scans: tuple[BearingScan, ...]
@@ -42,6 +45,7 @@ class Problem:
     model: ObservationModel
     baseline: float = 1.0
     second_run: int | None = None
+    still: tuple[bool, ...] = ()
 
     @property
     def heading_sigma(self) -> float:
@@ -53,19 +57,33 @@ class Problem:
         """Deviation of scans 3 and later from the line; never zero."""
         return max(self.model.lateral_sigma, ZERO_SIGMA * self.baseline)
 
-    @property
+    @cached_property
+    def labelled(self) -> bool:
+        """Whether any detection has a known identity."""
+        return any(scan.labels is not None for scan in self.scans)
+
+    @cached_property
     def free_steps(self) -> tuple[tuple[int, int], ...]:
         """Pairs of consecutive scans of one run whose distance has a prior in logarithms."""
         if self.model.motion == "odometry":
             return ()
-        m = len(self.scans)
-        return tuple((k, k + 1) for k in range(1, m - 1) if k + 1 != self.second_run)
+        return tuple((k, k + 1) for k in self.moves[1:] if k + 1 != self.second_run)
+
+    @cached_property
+    def moves(self) -> tuple[int, ...]:
+        """The scans from which the robot moved on, but for the last scan."""
+        return tuple(k for k in range(len(self.scans) - 1) if not (self.still and self.still[k]))
+
+    @property
+    def second_place(self) -> int:
+        """The scan at O2, the first that was taken elsewhere than O1."""
+        return self.moves[0] + 1 if self.moves else len(self.scans) - 1
 
     def free_lengths(self, poses: FloatArray) -> FloatArray:
         """Return the distances of `free_steps` in (m, 3) poses."""
-        steps = [poses[b, :2] - poses[a, :2] for a, b in self.free_steps]
-        lengths: FloatArray = np.linalg.norm(np.array(steps).reshape(-1, 2), axis=1)
-        return lengths
+        before, after = self._ends_of_free_steps
+        steps = poses[after, :2] - poses[before, :2]
+        return np.asarray(np.hypot(steps[:, 0], steps[:, 1]))
 
     @property
     def odometry(self) -> tuple[Odometry, ...]:
@@ -74,18 +92,34 @@ class Problem:
 
     def part(self, start: int, stop: int) -> Problem:
         """Return the problem of scans `start` to `stop` - 1 alone, of one run."""
-        return replace(self, scans=self.scans[start:stop], sigmas=self.sigmas[start:stop])
+        return replace(
+            self,
+            scans=self.scans[start:stop],
+            sigmas=self.sigmas[start:stop],
+            still=self.still[start : stop - 1],
+        )
 
     def sightings(self, table: IntArray) -> Sightings:
         """Return the bearings of an (n, m) association table, row by row."""
-        seen = table != MISSED
-        bearings = np.zeros(table.shape)
-        sigmas = np.ones(table.shape)
+        bearings, sigmas = self._padded
+        scans = np.arange(len(self.scans))
+        return Sightings(bearings[scans, table], sigmas[scans, table], table != MISSED)
+
+    @cached_property
+    def _padded(self) -> tuple[FloatArray, FloatArray]:
+        """Bearings and sigmas (m, 1 + most detections); the last, for `MISSED`, mean nothing."""
+        width = 1 + max((len(scan) for scan in self.scans), default=0)
+        bearings = np.zeros((len(self.scans), width))
+        sigmas = np.ones((len(self.scans), width))
         for k, (scan, sigma) in enumerate(zip(self.scans, self.sigmas, strict=True)):
-            rows = seen[:, k]
-            bearings[rows, k] = scan.bearings[table[rows, k]]
-            sigmas[rows, k] = sigma[table[rows, k]]
-        return Sightings(bearings, sigmas, seen)
+            bearings[k, : len(scan)] = scan.bearings
+            sigmas[k, : len(scan)] = sigma
+        return bearings, sigmas
+
+    @cached_property
+    def _ends_of_free_steps(self) -> tuple[IntArray, IntArray]:
+        ends = np.array(self.free_steps, dtype=np.int64).reshape(-1, 2)
+        return ends[:, 0], ends[:, 1]
 
 
 @dataclass(frozen=True)
@@ -95,6 +129,14 @@ class Sightings:
     bearings: FloatArray
     sigmas: FloatArray
     seen: BoolArray
+
+    def of_scans(self, part: slice) -> Sightings:
+        """Return the columns of some scans."""
+        return Sightings(
+            np.ascontiguousarray(self.bearings[:, part]),
+            np.ascontiguousarray(self.sigmas[:, part]),
+            np.ascontiguousarray(self.seen[:, part]),
+        )
 
 
 def make_problem(
@@ -125,15 +167,18 @@ def make_problem(
         landmark_centre=(model.landmark_centre[0] * baseline, model.landmark_centre[1] * baseline),
         log_step_mean=model.log_step_mean + math.log(baseline),
     )
+    sigmas = tuple(
+        freeze(np.full(len(scan), model.sigma)) if scan.sigma is None else scan.sigma
+        for scan in chosen
+    )
+    may_stop = model.stops and model.motion == "smooth"
     return Problem(
         scans=chosen,
-        sigmas=tuple(
-            freeze(np.full(len(scan), model.sigma)) if scan.sigma is None else scan.sigma
-            for scan in chosen
-        ),
+        sigmas=sigmas,
         model=in_unit,
         baseline=baseline,
         second_run=2 if isinstance(run, RunPair) else None,
+        still=standstills(chosen, sigmas) if may_stop else (),
     )
 
 

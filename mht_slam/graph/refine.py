@@ -24,7 +24,7 @@ from mht_slam.evidence.candidates import (
     with_probabilities,
 )
 from mht_slam.evidence.visibility import sightlines
-from mht_slam.graph.build import build_graph, graph_keys, make_values
+from mht_slam.graph.build import FactorPool, build_graph, graph_keys, make_values
 from mht_slam.graph.problem import Problem, make_problem
 from mht_slam.graph.solve import Estimate, EvidenceMethod, UnsolvedError, solve_association
 from mht_slam.hypotheses import Hypothesis, Posterior
@@ -123,9 +123,8 @@ def _hypotheses(
 ) -> Iterator[Hypothesis]:
     """Solve the candidates in their order, in chunks where an executor does the work."""
     if executor is None:
-        batches: Iterable[list[Hypothesis]] = (
-            [_solve_one(problem, evidence, pair)] for pair in pairs
-        )
+        pool = FactorPool(problem)
+        batches: Iterable[list[Hypothesis]] = ([_solve_one(pool, evidence, pair)] for pair in pairs)
     else:
         chunks = [pairs[i : i + CHUNK] for i in range(0, len(pairs), CHUNK)]
         batches = executor.map(partial(_solve_chunk, problem, evidence), chunks)
@@ -140,32 +139,38 @@ def _hypotheses(
 def _solve_chunk(
     problem: Problem, evidence: EvidenceMethod, pairs: list[Candidate]
 ) -> list[Hypothesis]:
-    return [_solve_one(problem, evidence, pair) for pair in pairs]
+    pool = FactorPool(problem)
+    return [_solve_one(pool, evidence, pair) for pair in pairs]
 
 
-def _solve_one(problem: Problem, evidence: EvidenceMethod, candidate: Candidate) -> Hypothesis:
+def _solve_one(pool: FactorPool, evidence: EvidenceMethod, candidate: Candidate) -> Hypothesis:
     association, score, start = candidate
+    problem, model = pool.problem, pool.problem.model
     failed = partial(Hypothesis, association, score, -math.inf, -math.inf, 0.0)
-    if not respects_labels(association, problem.scans):
+    if problem.labelled and not respects_labels(association, problem.scans):
         return failed("it contradicts the detections' labels")
-    if size_weight(association, problem.model) == -math.inf:
+    if size_weight(association, model) == -math.inf:
         return failed("the model rules out its misses or false alarms")
     try:
         # Extreme models overflow on the way; what matters is whether the outcome is finite.
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            estimate = solve_association(problem, association.table, evidence, start)
+            estimate = solve_association(problem, association.table, evidence, start, pool)
     except UnsolvedError as cause:
         return failed(str(cause))
     except OverflowError:
         return failed(BEYOND_FLOATS)
     if not (math.isfinite(estimate.log_evidence) and math.isfinite(estimate.log_likelihood)):
         return failed(BEYOND_FLOATS)
-    bearings = sightlines(estimate.poses, estimate.landmarks)
-    weight = size_weight(association, problem.model, bearings)
+    weight = false_alarms = 0.0
+    if model.compares_sizes:
+        bearings = sightlines(estimate.poses, estimate.landmarks)
+        weight = size_weight(association, model, bearings)
+    if model.false_alarm_rate is not None:
+        false_alarms = false_alarm_term(association, model)
     return Hypothesis(
         association=association,
         score=score,
-        log_likelihood=estimate.log_likelihood + false_alarm_term(association, problem.model),
+        log_likelihood=estimate.log_likelihood + false_alarms,
         log_evidence=estimate.log_evidence + weight,
         probability=0.0,
         poses=freeze(estimate.poses),
@@ -180,5 +185,5 @@ def _solve_one(problem: Problem, evidence: EvidenceMethod, candidate: Candidate)
 
 def _to_gtsam(problem: Problem, association: Association, estimate: Estimate) -> tuple[Any, ...]:
     graph = build_graph(problem, association.table, estimate.poses)
-    values = make_values(estimate.poses, estimate.landmarks)
-    return graph, values, graph_keys(len(problem.scans), association.n_landmarks)
+    keys = graph_keys(len(problem.scans), association.n_landmarks)
+    return graph, make_values(keys, estimate.poses, estimate.landmarks), keys

@@ -9,25 +9,18 @@ from typing import Literal, TypeAlias
 
 import gtsam
 import numpy as np
-from scipy import stats
 
 from mht_slam.arrays import BoolArray, FloatArray, IntArray
 from mht_slam.association import MISSED
 from mht_slam.evidence.importance import Integral
 from mht_slam.evidence.landmark_integral import log_landmark_integral
-from mht_slam.graph.build import (
-    GraphKeys,
-    build_graph,
-    graph_keys,
-    make_values,
-)
+from mht_slam.graph.build import FactorPool, NormalisedGraph, make_values
 from mht_slam.graph.initial import Start, starting_points
 from mht_slam.graph.laplace import SingularGraphError, laplace
 from mht_slam.graph.log_range import optimise_in_log_range
 from mht_slam.graph.marginal import marginal_log_evidence
 from mht_slam.graph.motion import log_density_outside
 from mht_slam.graph.problem import Problem, Sightings
-from mht_slam.measurements import wrap_angle
 
 EvidenceMethod: TypeAlias = Literal["marginal", "laplace"]
 
@@ -35,12 +28,15 @@ HOPELESS_RESIDUAL = 6.0
 """Residual, in sigmas, beyond which plain Laplace is good enough for an evidence of nothing."""
 NEAREST_RANGE = 0.01
 """Range, in baselines, below which a landmark counts as lying on the observation point."""
+WHOLE_TURN = 2.0 * math.pi
 MAX_RELINEARISATIONS = 10
 RELINEARISED = 1e-4
 """Relative change of steps below which linearised factors are taken as exact.
 
 The value of such a factor changes by the square of it.
 """
+PARAMETERS = gtsam.LevenbergMarquardtParams.CeresDefaults()
+"""Diagonal damping: with GTSAM's own defaults wrong hypotheses stop short of their optimum."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +74,13 @@ def solve_association(
     table: IntArray,
     evidence: EvidenceMethod = "marginal",
     start: Start | None = None,
+    pool: FactorPool | None = None,
 ) -> Estimate:
     """Estimate poses and landmarks of one association from its best start.
 
     `evidence` says how the evidence is computed, see `mht_slam.graph.refine.refine`. `start`, poses
-    (m, 3) and landmarks (n, 2) in any unit, saves looking for one.
+    (m, 3) and landmarks (n, 2) in any unit, saves looking for one. `pool`, the factors of this
+    problem, saves making them for every association.
 
     With wandering headings the optimum over positions may lie on an observation point, where a
     landmark explains any bearing. The optimum over bearings and log ranges is taken then; Laplace
@@ -100,43 +98,55 @@ def solve_association(
     ranged = (table != MISSED).sum(axis=1) >= 2
     if start is not None:
         poses, landmarks = start
-        length = float(np.linalg.norm(poses[1, :2] - poses[0, :2]))
+        length = float(np.linalg.norm(poses[problem.second_place, :2] - poses[0, :2]))
         unit = 1.0 if problem.model.motion == "odometry" else problem.baseline / length
         start = poses * np.array([unit, unit, 1.0]), unit * landmarks[ranged]
-    estimate = _solve_ranged(problem, table[ranged], evidence, start)
+    estimate = _solve_ranged(pool or FactorPool(problem), table[ranged], evidence, start)
     return estimate if ranged.all() else _with_single_sightings(problem, table, ranged, estimate)
 
 
 def _solve_ranged(
-    problem: Problem, table: IntArray, evidence: EvidenceMethod, start: Start | None
+    pool: FactorPool, table: IntArray, evidence: EvidenceMethod, start: Start | None
 ) -> Estimate:
-    if problem.model.motion != "straight":
-        starts = starting_points(problem, table) if start is None else [start]
-        optima, failures = _optima(problem, table, starts, in_log_range=True)
-        if not optima:
-            raise UnsolvedError(str(failures[0]).strip().splitlines()[0]) from failures[0]
-        return _estimate(problem, table, min(optima, key=lambda o: o.error), evidence)
-    starts = starting_points(problem, table)
-    optima, failures = _optima(problem, table, starts)
-    trapped = any(isinstance(failure, TrappedError) for failure in failures)
-    if not optima and trapped:
-        rescued, _ = _optima(problem, table, starts, in_log_range=True)
-        inside, _ = _optima(problem, table, [(o.poses, o.landmarks) for o in rescued])
+    problem = pool.problem
+    subject = _Subject(pool, problem.sightings(table), pool.unlinearised(table))
+    on_line = problem.model.motion == "straight"
+    given = start if not on_line else None
+    starts = starting_points(problem, table) if given is None else [given]
+    optima, failures = _optima(subject, starts, in_log_range=not on_line)
+    if not optima and any(isinstance(failure, TrappedError) for failure in failures):
+        rescued, _ = _optima(subject, starts, in_log_range=True)
+        inside, _ = _optima(subject, [(o.poses, o.landmarks) for o in rescued], in_log_range=False)
         optima = inside or rescued
     if not optima:
         raise UnsolvedError(str(failures[0]).strip().splitlines()[0]) from failures[0]
-    best = min(optima, key=lambda optimum: optimum.error)
-    return _estimate(problem, table, best, evidence)
+    best = max(optima, key=lambda optimum: optimum.log_density)
+    return _estimate(subject, table, best, evidence)
+
+
+@dataclass(frozen=True)
+class _Subject:
+    """What is solved: an association's bearings and factors."""
+
+    pool: FactorPool
+    sightings: Sightings
+    unlinearised: NormalisedGraph
+
+    @property
+    def problem(self) -> Problem:
+        return self.pool.problem
 
 
 @dataclass(frozen=True)
 class _Optimum:
     """Where the optimiser stopped, after the checks.
 
-    `with_volumes` is the graph of an optimum over log ranges, None for one over positions.
+    `graph` is linearised there. `with_volumes` is the graph of an optimum over log ranges, None for
+    one over positions.
     """
 
-    error: float
+    graph: gtsam.NonlinearFactorGraph
+    log_density: float
     values: gtsam.Values
     with_volumes: gtsam.NonlinearFactorGraph | None
     poses: FloatArray
@@ -145,80 +155,81 @@ class _Optimum:
 
 
 def _optima(
-    problem: Problem,
-    table: IntArray,
-    starts: Sequence[tuple[FloatArray, FloatArray]],
-    *,
-    in_log_range: bool = False,
+    subject: _Subject, starts: Sequence[Start], *, in_log_range: bool
 ) -> tuple[list[_Optimum], list[Exception]]:
     """Sound optima reached from the starts, and why the others are none."""
     optima: list[_Optimum] = []
     failures: list[Exception] = []
     for poses, landmarks in starts:
         try:
-            optima.append(_optimise(problem, table, poses, landmarks, in_log_range))
+            optima.append(_optimise(subject, poses, landmarks, in_log_range))
         except (RuntimeError, UnsolvedError) as cause:  # GTSAM's own errors are RuntimeErrors
             failures.append(cause)
     return optima, failures
 
 
 def _optimise(
-    problem: Problem,
-    table: IntArray,
-    poses: FloatArray,
-    landmarks: FloatArray,
-    in_log_range: bool,
+    subject: _Subject, poses: FloatArray, landmarks: FloatArray, in_log_range: bool
 ) -> _Optimum:
     """Levenberg-Marquardt, repeated until the linearised factors stand still.
 
     Those are the step priors and, with `in_log_range`, the volumes of `optimise_in_log_range`.
     """
-    keys = graph_keys(len(problem.scans), len(table))
-    sightings = problem.sightings(table)
-    values = make_values(poses, landmarks)
-    parameters = gtsam.LevenbergMarquardtParams.CeresDefaults()
+    pool, problem, sightings = subject.pool, subject.problem, subject.sightings
+    keys = pool.keys(len(landmarks))
+    values = make_values(keys, poses, landmarks)
     with_volumes: gtsam.NonlinearFactorGraph | None = None
-    nearest = _ranges(sightings, poses, landmarks).argmin(axis=1).tolist()
-    anchors = [(keys.scans[k], key) for k, key in zip(nearest, keys.landmarks, strict=True)]
+    anchors: list[tuple[int, int]] = []
+    if in_log_range:
+        nearest = _ranges(sightings, poses, landmarks).argmin(axis=1).tolist()
+        anchors = [(keys.scans[k], key) for k, key in zip(nearest, keys.landmarks, strict=True)]
+    steps = _steps(problem, poses)
+    linearised = pool.linearised(subject.unlinearised, poses)
     for _ in range(MAX_RELINEARISATIONS):
-        steps = _steps(problem, poses)
-        graph = build_graph(problem, table, poses)
         if in_log_range:
-            values, with_volumes = optimise_in_log_range(graph, values, anchors, parameters)
+            values, with_volumes = optimise_in_log_range(
+                linearised.graph, values, anchors, PARAMETERS
+            )
         else:
-            values = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
-        poses = _poses(values, keys)
-        landmarks = np.array([values.atPoint2(key) for key in keys.landmarks]).reshape(-1, 2)
+            optimiser = gtsam.LevenbergMarquardtOptimizer(linearised.graph, values, PARAMETERS)
+            values = optimiser.optimize()
+        poses = gtsam.utilities.extractPose2(values)
+        landmarks = gtsam.utilities.extractPoint2(values)
         if not in_log_range:
             _check_ranges(problem, sightings, poses, landmarks)
-        moved = np.abs(_steps(problem, poses) / steps - 1.0).max(initial=0.0)
-        if moved <= RELINEARISED:
+        before, steps = steps, _steps(problem, poses)
+        linearised = pool.linearised(subject.unlinearised, poses)
+        if np.abs(steps / before - 1.0).max(initial=0.0) <= RELINEARISED:
             break
-    error = build_graph(problem, table, poses).error(values)
-    if not (math.isfinite(error) and np.isfinite(poses).all() and np.isfinite(landmarks).all()):
+    log_density = linearised.log_density(values)
+    if not math.isfinite(log_density + poses.sum() + landmarks.sum()):
         raise UnsolvedError("the optimiser ended at numbers that are not finite")
     residuals = _residuals(sightings, poses, landmarks)
-    _check_sides(problem, sightings, residuals, poses)
-    _check_ranges(problem, sightings, poses, landmarks)
-    return _Optimum(error, values, with_volumes, poses, landmarks, residuals)
+    _check_sides(problem, residuals, poses)
+    if in_log_range:
+        _check_ranges(problem, sightings, poses, landmarks)
+    return _Optimum(
+        linearised.graph, log_density, values, with_volumes, poses, landmarks, residuals
+    )
 
 
 def _estimate(
-    problem: Problem, table: IntArray, optimum: _Optimum, evidence: EvidenceMethod
+    subject: _Subject, table: IntArray, optimum: _Optimum, evidence: EvidenceMethod
 ) -> Estimate:
-    sightings = problem.sightings(table)
+    problem, sightings = subject.problem, subject.sightings
     poses, residuals = optimum.poses, optimum.residuals
     try:
         approximation = laplace(
-            build_graph(problem, table, poses), optimum.values, optimum.with_volumes
+            optimum.graph, optimum.values, optimum.with_volumes, optimum.log_density
         )
     except SingularGraphError as cause:
         raise UnsolvedError(str(cause)) from cause
     landmark_covariances, joint = _split_covariance(approximation.covariance, poses)
     integral: Integral | None = None
-    worst = float(np.abs(residuals / sightings.sigmas)[sightings.seen].max(initial=0.0))
-    if evidence == "marginal" and worst <= HOPELESS_RESIDUAL:
-        integral = marginal_log_evidence(problem, table, poses, joint)
+    if evidence == "marginal":
+        worst = float(np.abs(residuals / sightings.sigmas)[sightings.seen].max(initial=0.0))
+        if worst <= HOPELESS_RESIDUAL:
+            integral = marginal_log_evidence(problem, table, poses, joint)
     plain = approximation.log_evidence + log_density_outside(problem, poses)
     return Estimate(
         poses=poses,
@@ -268,50 +279,54 @@ def _with_single_sightings(
 def _steps(problem: Problem, poses: FloatArray) -> FloatArray:
     """Distances of the problem's free steps; raises where two poses coincide."""
     steps = problem.free_lengths(poses)
-    if not (np.isfinite(steps).all() and (steps > 1e-9 * problem.baseline).all()):
+    least = steps.min(initial=math.inf)
+    if not (math.isfinite(steps.sum()) and least > 1e-9 * problem.baseline):
         raise UnsolvedError("two observation points coincide at the estimate")
     return steps
 
 
 def _ranges(sightings: Sightings, poses: FloatArray, landmarks: FloatArray) -> FloatArray:
     """(n, m) distances of landmarks from the poses that see them, infinite from others."""
-    distances = np.linalg.norm(landmarks[:, None] - poses[None, :, :2], axis=-1)
-    return np.where(sightings.seen, np.maximum(distances, 1e-9), np.inf)
-
-
-def _poses(values: gtsam.Values, keys: GraphKeys) -> FloatArray:
-    return np.array([[p.x(), p.y(), p.theta()] for p in map(values.atPose2, keys.scans)])
+    dx = landmarks[:, :1] - poses[:, 0]
+    dy = landmarks[:, 1:] - poses[:, 1]
+    return np.where(sightings.seen, np.maximum(np.hypot(dx, dy), 1e-9), np.inf)
 
 
 def _residuals(sightings: Sightings, poses: FloatArray, landmarks: FloatArray) -> FloatArray:
-    """(n, m) predicted minus measured bearing, wrapped; meaningless where not seen."""
-    offset = landmarks[:, None, :] - poses[None, :, :2]
-    predicted = np.arctan2(offset[..., 1], offset[..., 0]) - poses[:, 2]
-    return wrap_angle(predicted - sightings.bearings)
+    """(n, m) predicted minus measured bearing, wrapped; 0 where not seen."""
+    dx = landmarks[:, :1] - poses[:, 0]
+    dy = landmarks[:, 1:] - poses[:, 1]
+    error = np.arctan2(dy, dx) - poses[:, 2] - sightings.bearings
+    return np.where(sightings.seen, error - WHOLE_TURN * np.round(error / WHOLE_TURN), 0.0)
 
 
 def _log_likelihood(sightings: Sightings, residuals: FloatArray, dof: float | None) -> float:
-    z = residuals / sightings.sigmas
-    density = stats.norm if dof is None else stats.t(dof)
-    terms = density.logpdf(z) - np.log(sightings.sigmas)
-    return float(terms[sightings.seen].sum())
+    """Sum of the log densities of the residuals: Gaussian, or Student's t."""
+    squares = (residuals / sightings.sigmas) ** 2
+    log_sigmas = float(np.log(sightings.sigmas).sum())  # 1 where not seen
+    count = int(np.count_nonzero(sightings.seen))
+    if dof is None:
+        height = -0.5 * math.log(2.0 * math.pi)
+        return count * height - log_sigmas - 0.5 * float(squares.sum())
+    height = math.lgamma(0.5 * (dof + 1.0)) - math.lgamma(0.5 * dof)
+    height -= 0.5 * math.log(dof * math.pi)
+    tails = 0.5 * (dof + 1.0) * float(np.log1p(squares / dof).sum())
+    return count * height - log_sigmas - tails
 
 
-def _check_sides(
-    problem: Problem, sightings: Sightings, residuals: FloatArray, poses: FloatArray
-) -> None:
+def _check_sides(problem: Problem, residuals: FloatArray, poses: FloatArray) -> None:
     """A bearing factor is content with a landmark behind the robot; this is not."""
-    behind = np.argwhere(sightings.seen & (np.abs(residuals) > 0.5 * math.pi))
-    if len(behind):
-        row, scan = behind[0].tolist()
+    behind = np.abs(residuals) > 0.5 * math.pi
+    if behind.any():
+        row, scan = np.argwhere(behind)[0].tolist()
         raise UnsolvedError(f"landmark {row} ends up on the far side of its bearing in scan {scan}")
     if problem.model.motion in ("odometry", "free"):
         return
     for a, b in problem.free_steps:
         on_one_line = problem.second_run is None and problem.model.motion == "straight"
         heading = 0.0 if on_one_line else poses[a, 2]
-        forward = np.array([math.cos(heading), math.sin(heading)])
-        if float(forward @ (poses[b, :2] - poses[a, :2])) <= 0.0:
+        forward = math.cos(heading) * (poses[b, 0] - poses[a, 0])
+        if forward + math.sin(heading) * (poses[b, 1] - poses[a, 1]) <= 0.0:
             raise UnsolvedError(f"the robot goes backwards from scan {a} to scan {b}")
 
 
@@ -323,10 +338,12 @@ def _check_ranges(
     The density is bounded there and its volume is nothing, but optimisers slide into it as soon
     as headings may deviate.
     """
-    ranges = _ranges(sightings, poses, landmarks)
-    trapped = np.argwhere(ranges < NEAREST_RANGE * problem.baseline)
-    if len(trapped):
-        row, scan = trapped[0].tolist()
+    dx = landmarks[:, :1] - poses[:, 0]
+    dy = landmarks[:, 1:] - poses[:, 1]
+    near = (NEAREST_RANGE * problem.baseline) ** 2
+    trapped = (dx * dx + dy * dy < near) & sightings.seen
+    if trapped.any():
+        row, scan = np.argwhere(trapped)[0].tolist()
         raise TrappedError(f"landmark {row} ends up on the observation point of scan {scan}")
 
 
@@ -335,13 +352,15 @@ def _split_covariance(covariance: FloatArray, poses: FloatArray) -> tuple[FloatA
 
     GTSAM keeps a pose's uncertainty in its own frame; rotating it gives the run's axes.
     """
-    split = len(covariance) - 3 * len(poses)
-    turn = np.zeros((3 * len(poses), 3 * len(poses)))
-    for k, theta in enumerate(poses[:, 2].tolist()):
-        c, s = math.cos(theta), math.sin(theta)
-        block = slice(3 * k, 3 * k + 3)
-        turn[block, block] = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
-    joint = turn @ covariance[split:, split:] @ turn.T
+    m = len(poses)
+    split = len(covariance) - 3 * m
+    turn = np.zeros((m, 3, 3))
+    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1] = cosine, -sine, sine, cosine
+    turn[:, 2, 2] = 1.0
+    blocks = covariance[split:, split:].reshape(m, 3, m, 3).transpose(0, 2, 1, 3)
+    turned = turn[:, None] @ blocks @ turn.transpose(0, 2, 1)
+    joint = turned.transpose(0, 2, 1, 3).reshape(3 * m, 3 * m)
     return _diagonal_blocks(covariance[:split, :split], 2), joint
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import mht_slam as ms
 from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.errors import AssociationError, MeasurementError, OptionError, UnobservableError
-from mht_slam.graph.build import build_graph, make_values
+from mht_slam.graph.build import build_graph, graph_keys, make_values
 from mht_slam.graph.free_directions import pose_coordinates, whitened_jacobian
 from mht_slam.graph.observability import observability, require_observable
 from mht_slam.graph.problem import make_problem
@@ -189,7 +189,7 @@ def test_the_information_is_that_of_the_graph(model: ms.ObservationModel | str) 
     model = ms.ObservationModel(**{**model.to_dict(), "sigma": 0.1})
     problem = make_problem(run, (0, 1, 2, 3), model)
     table: IntArray = truth.table
-    values = make_values(poses, landmarks)
+    values = make_values(graph_keys(len(poses), len(landmarks)), poses, landmarks)
 
     def log_determinant(rows: IntArray) -> float:
         hessian = build_graph(problem, rows, poses).linearize(values).hessian()[0]
