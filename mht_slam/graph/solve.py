@@ -99,7 +99,8 @@ def solve_association(
     if start is not None:
         poses, landmarks = start
         length = float(np.linalg.norm(poses[problem.second_place, :2] - poses[0, :2]))
-        unit = 1.0 if problem.model.motion == "odometry" else problem.baseline / length
+        in_baselines = problem.model.motion != "odometry" and bool(problem.moves)
+        unit = problem.baseline / length if in_baselines else 1.0
         start = poses * np.array([unit, unit, 1.0]), unit * landmarks[ranged]
     estimate = _solve_ranged(pool or FactorPool(problem), table[ranged], evidence, start)
     return estimate if ranged.all() else _with_single_sightings(problem, table, ranged, estimate)

@@ -10,20 +10,27 @@ from scipy.optimize import linear_sum_assignment
 from mht_slam.arrays import FloatArray
 from mht_slam.measurements import BearingScan, wrap_angle
 
-FARTHEST = 2.0
-"""Standard deviations of a difference within which two bearings count as unchanged."""
-MEAN_SQUARE = 1.5
-"""Largest mean of their squares: 1 at a standstill, more where landmarks move a little."""
-MIN_PAIRS = 4
-MIN_SHARE = 0.75
-"""Of the smaller scan's detections, the share that must be unchanged."""
+MOVED = 5.0
+"""How far bearings turn where the robot moves, in standard deviations of a difference.
+
+Farther landmarks turn less, nearer ones more; a wrong value costs little.
+"""
+WORST = -1.0
+"""Nats that one pair of bearings says against a standstill at most: detections may be false."""
+ENOUGH = 4.0
+"""Nats in favour that make a standstill."""
 
 
 def standstills(scans: Sequence[BearingScan], sigmas: Sequence[FloatArray]) -> tuple[bool, ...]:
     """Return for each step whether the robot stood still: m - 1 values for m scans.
 
     Every scan is compared with the first of those taken at the same place, so that creeping away
-    shows. Bearings are paired by least squares of their differences in standard deviations.
+    shows. Bearings are paired by least squares of their differences d in standard deviations; a
+    pair speaks for a standstill by
+
+        ln N(d; 0, 1) - ln N(d; 0, 1 + MOVED^2),
+
+    and the robot stood still where all pairs together say so clearly.
     """
     still = []
     anchor = 0
@@ -37,12 +44,8 @@ def standstills(scans: Sequence[BearingScan], sigmas: Sequence[FloatArray]) -> t
 def _same_place(
     one: BearingScan, one_sigmas: FloatArray, other: BearingScan, other_sigmas: FloatArray
 ) -> bool:
-    if min(len(one), len(other)) < MIN_PAIRS:
-        return False
     turned = wrap_angle(one.bearings[:, None] - other.bearings)
     squares = turned**2 / (one_sigmas[:, None] ** 2 + other_sigmas**2)
-    pairs = linear_sum_assignment(np.minimum(squares, 2.0 * FARTHEST**2))
-    unchanged = squares[pairs]
-    unchanged = unchanged[unchanged <= FARTHEST**2]
-    enough = max(MIN_PAIRS, MIN_SHARE * min(len(one), len(other)))
-    return len(unchanged) >= enough and float(unchanged.mean()) <= MEAN_SQUARE
+    broad = 1.0 + MOVED**2
+    nats = np.maximum(0.5 * np.log(broad) - 0.5 * squares * (1.0 - 1.0 / broad), WORST)
+    return float(nats[linear_sum_assignment(nats, maximize=True)].sum()) >= ENOUGH
