@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 import mht_slam as ms
@@ -27,6 +27,7 @@ def examples(count: int) -> settings:
         deadline=None,
         derandomize=not FRESH,
         database=None,
+        phases=tuple(Phase) if FRESH else (Phase.explicit, Phase.generate),
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
     )
 
