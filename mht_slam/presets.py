@@ -40,15 +40,15 @@ def forward_camera() -> ObservationModel:
     The first two scans are .16 m apart there at the median, which is the unit of its lengths.
     """
     return ObservationModel(
-        sigma=math.radians(0.15),
+        sigma=math.radians(0.145),
         bearing_dof=8.0,
         motion="smooth",
-        turn_sigma=math.radians(3.0),
-        drift_sigma=math.radians(4.0),
-        step_change_sigma=0.09,
+        turn_sigma=math.radians(3.2),
+        drift_sigma=math.radians(3.5),
+        step_change_sigma=0.085,
         landmark_sigma=13.0,
-        detection_probability=0.97,
-        false_alarm_rate=0.02,
+        detection_probability=0.98,
+        false_alarm_rate=0.045,
         expected_landmarks=19.0,
         stay_probability=0.91,
         field_of_view=math.radians(110.0),
@@ -64,16 +64,16 @@ def laser() -> ObservationModel:
     lengths; its false alarms are whatever is no tree trunk that stays.
     """
     return ObservationModel(
-        sigma=math.radians(0.1),
+        sigma=math.radians(0.105),
         bearing_dof=4.0,
         motion="smooth",
-        turn_sigma=math.radians(1.0),
-        drift_sigma=math.radians(5.5),
+        turn_sigma=math.radians(0.95),
+        drift_sigma=math.radians(5.7),
         step_change_sigma=0.045,
-        landmark_sigma=35.0,
+        landmark_sigma=36.0,
         detection_probability=0.87,
-        false_alarm_rate=0.23,
-        expected_landmarks=17.0,
+        false_alarm_rate=0.26,
+        expected_landmarks=16.0,
         stay_probability=0.94,
         field_of_view=math.radians(182.0),
     )
