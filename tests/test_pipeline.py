@@ -6,9 +6,22 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pytest
 
-from mht_slam import compare, rank, refine, solve
-from mht_slam.simulation import paper_scene, simulate_pair
+from mht_slam import (
+    Association,
+    BearingScan,
+    ObservationModel,
+    Odometry,
+    StraightRun,
+    compare,
+    rank,
+    refine,
+    solve,
+)
+from mht_slam.errors import UnequalScansError
+from mht_slam.models import Motion
+from mht_slam.simulation import Scene, paper_scene, simulate_pair, simulate_scene
 
 EPSILON = math.radians(2.0)
 SIGMA = EPSILON / math.sqrt(3.0)
@@ -65,3 +78,101 @@ def test_a_pair_of_runs_is_solved() -> None:
     scene = simulate_pair("annulus", 3, np.random.default_rng(4), epsilon=epsilon)
     solution = solve(scene.pair, epsilon=epsilon, sigma=epsilon / 2.0, top_k=10)
     assert len(solution.posterior) == len(solution.ranking) <= 10
+
+
+def long_scene(n_scans: int = 5) -> Scene:
+    return simulate_scene(
+        "corridor", 4, np.random.default_rng(2), sigma=math.radians(1.0), n_scans=n_scans
+    )
+
+
+def test_a_longer_run_is_solved_over_all_its_scans() -> None:
+    scene = long_scene()
+    calls: list[tuple[int, int]] = []
+    solution = solve(
+        scene.run,
+        epsilon=EPSILON,
+        sigma=SIGMA,
+        truth=scene.truth,
+        progress=lambda done, total: calls.append((done, total)),
+    )
+    assert solution.posterior.scans == (0, 1, 2, 3, 4)
+    assert solution.posterior[0].association == scene.truth
+    assert solution.ranking.scans == (0, 1, 2)
+    assert solution.seeds is not None
+    assert solution.comparison == compare(
+        solution.ranking, solution.seeds, scene.truth.restrict((0, 1, 2))
+    )
+    assert sum(h.probability for h in solution.posterior) == pytest.approx(1.0)
+    assert calls
+
+
+def test_three_scans_named_are_solved_alone() -> None:
+    scene = long_scene()
+    alone = solve(scene.run, epsilon=EPSILON, sigma=SIGMA, scans=(0, 2, 4))
+    assert alone.posterior.scans == (0, 2, 4)
+    assert alone.seeds is None
+
+
+def test_headings_that_wander_enlarge_the_rankings_epsilon() -> None:
+    scene = long_scene(3)
+    solution = solve(scene.run, epsilon=EPSILON, sigma=SIGMA, heading_sigma=0.01)
+    assert solution.ranking.epsilon == pytest.approx(math.hypot(EPSILON, 0.02))
+
+
+def test_scans_of_different_length_are_solved_without_polygons() -> None:
+    scene = long_scene()
+    scans = [
+        BearingScan(scan.bearings[1:] if k == 1 else scan.bearings)
+        for k, scan in enumerate(scene.scans)
+    ]
+    table = scene.truth.table.copy()
+    table[table[:, 1] == 0, 1] = -1
+    table[:, 1] -= table[:, 1] > 0
+    model = ObservationModel(
+        sigma=SIGMA, detection_probability=0.9, false_alarm_rate=0.01, expected_landmarks=4.0
+    )
+    solution = solve(StraightRun(scans), epsilon=EPSILON, model=model)
+    assert len(solution.ranking) == 0
+    assert "detections" in solution.ranking.options["not_ranked"]
+    assert solution.posterior[0].association.exact(
+        Association(table, [len(scan) for scan in scans])
+    )
+
+
+def test_scans_of_different_length_need_a_model_that_compares_sizes() -> None:
+    scans = [BearingScan(b) for b in ([0.1, 0.5, 1.0], [0.2, 0.6], [0.3, 0.7], [0.4, 0.9])]
+    with pytest.raises(UnequalScansError, match="detections"):
+        solve(StraightRun(scans), epsilon=EPSILON, sigma=SIGMA)
+
+
+def test_the_same_run_gives_the_same_solution() -> None:
+    scene = long_scene()
+    first, second = (solve(scene.run, epsilon=EPSILON, sigma=SIGMA) for _ in range(2))
+    assert first.posterior == second.posterior
+
+
+@pytest.mark.parametrize("motion", ["straight", "smooth", "free"])
+def test_every_motion_model_solves_a_straight_run(motion: Motion) -> None:
+    scene = long_scene(4)
+    model = ObservationModel(sigma=SIGMA, motion=motion, step_change_sigma=1.0)
+    solution = solve(scene.run, epsilon=EPSILON, model=model)
+    assert solution.posterior[0].association == scene.truth
+
+
+def test_odometry_gives_metres() -> None:
+    scene = long_scene(5)
+    scans = [
+        BearingScan(
+            scan.bearings,
+            odometry=Odometry(2.0 * step, 0.0, 0.0, covariance=[1e-4, 1e-4, 1e-6]),
+        )
+        for scan, step in zip(scene.scans, [1.0, *np.diff(scene.poses[:, 0]).tolist()], strict=True)
+    ]
+    model = ObservationModel(sigma=SIGMA, motion="odometry")
+    posterior = solve(StraightRun(scans), epsilon=EPSILON, model=model).posterior
+    best = posterior[0]
+    assert best.association == scene.truth
+    assert posterior.unit == "metre"
+    assert best.poses is not None
+    assert best.poses[:, 0] == pytest.approx(2.0 * scene.poses[:, 0], abs=0.1)

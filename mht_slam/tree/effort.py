@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 from mht_slam.arrays import finite_number, whole_number
+
+
+EARLY_SCANS = 3
 
 
 @dataclass(frozen=True)
@@ -18,6 +21,8 @@ class Effort:
     keep : branches kept after each scan.
     solve : children solved at each scan, the most promising first.
     drop : nats below the best at which a branch or child is given up.
+    early : times more branches kept and children solved up to the third scan, since two scans of a
+        straight run fit every association.
     ranked, depth : at so many of the best proposed motions the best `depth` matchings are found.
     finalists : branches over all scans that are changed by moves.
     moves : changes of each that are solved, the most promising first.
@@ -27,6 +32,7 @@ class Effort:
     keep: int = 10
     solve: int = 24
     drop: float = 15.0
+    early: int = 8
     ranked: int = 3
     depth: int = 10
     finalists: int = 3
@@ -38,5 +44,12 @@ class Effort:
             if entry.name == "drop":
                 finite_number(self.drop, "drop", above=0.0)
             else:
-                least = 1 if entry.name in ("keep", "solve") else 0
+                least = 1 if entry.name in ("keep", "solve", "early") else 0
                 whole_number(getattr(self, entry.name), entry.name, at_least=least)
+
+    def at(self, n_scans: int) -> Effort:
+        """Return the effort for the children that have so many scans."""
+        if n_scans > EARLY_SCANS:
+            return self
+        more = {name: self.early * getattr(self, name) for name in ("keep", "solve", "depth")}
+        return replace(self, **more, early=1)

@@ -38,6 +38,7 @@ def grow(
 
 def next_scan(setting: Setting, effort: Effort, leaves: Sequence[Branch]) -> list[Branch]:
     """Return the best children of all branches."""
+    effort = effort.at(len(leaves[0].poses) + 1)
     options = []
     for branch in leaves:
         proposals = propose(setting.problem, branch.poses)
