@@ -7,7 +7,9 @@ neighbours predicts the next one.
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from mht_slam.evidence.cells import Cells
 from mht_slam.evidence.cluster_integral import log_cluster_integrals
 from mht_slam.measurements import BearingScan
 from mht_slam.models import ObservationModel
+from mht_slam.parallel import ordered_map
 
 PRIOR_REACH = 8.0
 """Log ratios beyond this many standard deviations of their prior do not exist here."""
@@ -39,6 +42,8 @@ NARROWEST = 0.05
 From D nats down its flank the top is sqrt(2 D) standard deviations away. An interval too short to
 hide a top in its middle is left as it is, however rough.
 """
+CHUNK = 4096
+"""Integrals taken at a time, by whatever worker: so the table hangs on no executor."""
 
 
 @dataclass(frozen=True)
@@ -138,11 +143,13 @@ def tabulate(
     sigmas: tuple[FloatArray, ...],
     model: ObservationModel,
     entries: IntArray,
+    executor: Executor | None = None,
 ) -> ClusterTable:
     """Integrate (C, 3) clusters of three scans at as many ratios as each needs.
 
     `sigmas` has the standard deviations of each scan's detections, radians. Each interval between
-    knots is halved until its middle is what the neighbours say, to `TOLERANCE`.
+    knots is halved until its middle is what the neighbours say, to `TOLERANCE`. The executor
+    shares the integrals out; the table is the same with any.
 
     Source: docs/method.md, section 4.
     """
@@ -152,12 +159,19 @@ def tabulate(
         rays[seen[:, k], k] = scan.bearings[entries[seen[:, k], k]]
         spreads[seen[:, k], k] = sigma[entries[seen[:, k], k]]
 
+    integrate = partial(
+        log_cluster_integrals,
+        prior_centre=model.landmark_centre,
+        prior_sigma=model.landmark_sigma,
+    )
+
     def integrals(owner: IntArray, log_ratios: FloatArray) -> FloatArray:
         positions = np.zeros((len(owner), 3))
         positions[:, 1] = 1.0
         positions[:, 2] = 1.0 + np.exp(np.clip(log_ratios, -FARTHEST, FARTHEST))
         cells = Cells(positions, rays[owner], spreads[owner], seen[owner])
-        return log_cluster_integrals(cells, model.landmark_centre, model.landmark_sigma)
+        parts = [cells.take(index) for index in _chunks(len(cells))]
+        return np.concatenate([np.empty(0), *ordered_map(executor, integrate, parts)])
 
     def log_prior(log_ratios: FloatArray) -> FloatArray:
         return np.asarray(-0.5 * ((log_ratios - model.log_step_mean) / model.log_step_sigma) ** 2)
@@ -193,6 +207,10 @@ def tabulate(
         is_open = np.insert(is_open, left + 1, wrong)
     first_knot = np.searchsorted(owner, np.arange(count + 1))
     return ClusterTable(entries, first_knot, knots, values)
+
+
+def _chunks(count: int) -> list[IntArray]:
+    return [np.arange(i, min(i + CHUNK, count)) for i in range(0, count, CHUNK)]
 
 
 def _best_of_detections(entries: IntArray, top: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,6 +97,7 @@ class CoverProblem:
         model: ObservationModel,
         max_missed: int,
         max_false: int,
+        executor: Executor | None = None,
     ) -> None:
         self.scans = scans
         self.model = model
@@ -103,7 +105,7 @@ class CoverProblem:
         self.max_false = max_false
         self.counts = tuple(len(scan) for scan in scans)
         entries = _allowed_clusters(scans, max_missed)
-        self.table = tabulate(scans, sigmas, model, entries)
+        self.table = tabulate(scans, sigmas, model, entries, executor)
         missed = (entries == MISSED).sum(axis=1)
         weights = np.array([landmark_weight(model, 3 - n, n) for n in range(3)])
         self.log_weights = weights[missed]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import Executor
 
 import numpy as np
 
@@ -41,6 +42,7 @@ def evidence_by_quadrature(
     sigma: float | None = None,
     model: ObservationModel | None = None,
     scans: Sequence[int] = DEFAULT_SCANS,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Posterior:
     """Weigh associations of three scans by their exact evidence, without estimating anything.
@@ -57,6 +59,8 @@ def evidence_by_quadrature(
         candidate given twice counts once.
     sigma, model : as in `refine`; its `heading_sigma` and `lateral_sigma` must be zero.
     scans : indices of three scans, in order of travel; a `Ranking` or `Posterior` brings its own.
+    executor : any `concurrent.futures.Executor`, for the tables; None works in this process. The
+        result does not depend on it, to the last bit.
     progress : called as ``progress(done, total)``.
 
     Returns
@@ -90,7 +94,7 @@ def evidence_by_quadrature(
     members = tuple(run.scans[i] for i in chosen)
     rows = {tuple(row) for pair in pairs for row in pair.association.table.tolist()}
     entries = np.array(sorted(rows), dtype=np.int64).reshape(-1, 3)
-    table = tabulate(members, _sigmas(members, full_model), full_model, entries)
+    table = tabulate(members, _sigmas(members, full_model), full_model, entries, executor)
     index = {tuple(row): i for i, row in enumerate(entries.tolist())}
     hypotheses = []
     for done, (association, score, _) in enumerate(pairs, start=1):
@@ -122,6 +126,7 @@ def rank_by_evidence(
     max_missed: int = 0,
     max_false: int = 0,
     work_limit: int = WORK_LIMIT,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Posterior:
     """Find the associations of three scans with the largest evidence, of all there are.
@@ -138,6 +143,7 @@ def rank_by_evidence(
     max_missed : the most -1 entries of a table. 0 allows full tables only.
     max_false : the most detections that belong to no landmark.
     work_limit : branches opened before the search gives up and lists the best so far.
+    executor : as in `evidence_by_quadrature`: for the tables, the search itself is serial.
     progress : called as ``progress(done, work_limit)``, now and then.
 
     Returns
@@ -171,7 +177,9 @@ def rank_by_evidence(
     full_model = _strict(stated_model(run, chosen, sigma, 0.0, 0.0, model))
     members = tuple(run.scans[i] for i in chosen)
     _check_limits(members, full_model, max_missed, max_false)
-    problem = CoverProblem(members, _sigmas(members, full_model), full_model, max_missed, max_false)
+    problem = CoverProblem(
+        members, _sigmas(members, full_model), full_model, max_missed, max_false, executor
+    )
     found = problem.search(top_k, work_limit, progress)
     hypotheses = [
         _weighed(association, None, evidence, None) for evidence, association in found.listed

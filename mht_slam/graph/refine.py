@@ -25,11 +25,13 @@ from mht_slam.evidence.candidates import (
 )
 from mht_slam.evidence.visibility import sightlines
 from mht_slam.graph.build import FactorPool, build_graph, graph_keys, make_values
+from mht_slam.graph.observability import require_observable
 from mht_slam.graph.problem import Problem, make_problem
 from mht_slam.graph.solve import Estimate, EvidenceMethod, UnsolvedError, solve_association
 from mht_slam.hypotheses import Hypothesis, Posterior
 from mht_slam.measurements import RunPair, StraightRun
 from mht_slam.models import ObservationModel
+from mht_slam.parallel import ordered_map
 from mht_slam.progress import Progress
 
 BEYOND_FLOATS = "the model's numbers go beyond double precision"
@@ -71,8 +73,9 @@ def refine(
         poses, get.
     scale : length of the first baseline in metres, if known, from 1e-3 to 1e4; the result is then
         in metres.
-    executor : any `concurrent.futures.Executor`; None works in this process. The result does not
-        depend on it.
+    executor : any `concurrent.futures.Executor`, also that of a `dask.distributed.Client`; None
+        works in this process. The result does not depend on it, to the last bit, nor on workers
+        that get killed (`mht_slam.parallel`).
     progress : called as ``progress(done, total)``.
 
     Returns
@@ -83,9 +86,9 @@ def refine(
     Raises `OptionError` for a run, model, evidence or scale that is none, where no sigma is known,
     or where candidates differ in the numbers of landmarks, misses or false alarms and the model
     does not say what those cost; `AssociationError` for a candidate that is not over the run's
-    scans.
+    scans; `UnobservableError` where nothing but priors could tell the candidates apart.
 
-    Source: docs/method.md, section 4.
+    Source: docs/method.md, sections 2 and 4.
 
     >>> import numpy as np
     >>> from mht_slam import Association, BearingScan, StraightRun
@@ -104,13 +107,14 @@ def refine(
     one_of(evidence, "evidence", get_args(EvidenceMethod))
     full_model = stated_model(run, scans, sigma, heading_sigma, lateral_sigma, model)
     check_sizes([pair.association for pair in pairs], full_model)
+    require_observable(run, [pair.association for pair in pairs], full_model)
     problem = make_problem(run, scans, full_model, scale)
     hypotheses = list(_hypotheses(problem, pairs, evidence, executor, progress))
     return Posterior(
         hypotheses=with_probabilities(hypotheses),
         scans=scans,
         model=full_model,
-        unit="baseline" if scale is None else "metre",
+        unit="baseline" if scale is None and full_model.motion != "odometry" else "metre",
     )
 
 
@@ -127,7 +131,7 @@ def _hypotheses(
         batches: Iterable[list[Hypothesis]] = ([_solve_one(pool, evidence, pair)] for pair in pairs)
     else:
         chunks = [pairs[i : i + CHUNK] for i in range(0, len(pairs), CHUNK)]
-        batches = executor.map(partial(_solve_chunk, problem, evidence), chunks)
+        batches = ordered_map(executor, partial(_solve_chunk, problem, evidence), chunks)
     done = 0
     for batch in batches:
         yield from batch
