@@ -103,6 +103,8 @@ class ObservationModel:
         if self.bearing_dof is not None:
             finite_number(self.bearing_dof, "bearing_dof", above=0.0)
         one_of(self.motion, "motion", get_args(Motion))
+        if not isinstance(self.stops, bool):
+            raise OptionError(f"stops is {self.stops!r}: give True or False")
         finite_number(self.heading_sigma, "heading_sigma", at_least=0.0, below=math.pi)
         finite_number(self.lateral_sigma, "lateral_sigma", at_least=0.0)
         finite_number(self.landmark_sigma, "landmark_sigma", above=0.0)

@@ -93,3 +93,8 @@ def test_a_whole_number_beyond_every_float_is_refused():
 def test_a_name_is_a_string_and_nothing_that_compares_like_one() -> None:
     with pytest.raises(OptionError, match="motion is array"):
         ObservationModel(sigma=0.1, motion=np.array(["straight", "free"]))  # type: ignore[arg-type]
+
+
+def test_stops_or_not_is_no_number() -> None:
+    with pytest.raises(OptionError, match="stops is nan"):
+        ObservationModel(sigma=0.1, stops=math.nan)  # type: ignore[arg-type]

@@ -184,6 +184,7 @@ models = st.builds(
     ms.ObservationModel,
     **straight_line,
     motion=st.sampled_from(["straight", "straight", "smooth", "odometry", "free"]),
+    stops=st.booleans(),
     heading_sigma=mostly(0.0, 0.05, 1e-12, 3.0),
     lateral_sigma=mostly(0.0, 0.1, 1e-12, 1e6),
     turn_sigma=mostly(0.05, 1e-12, 3.0),
