@@ -56,12 +56,23 @@ class ClusterTable:
     first_knot : (C + 1,) where each cluster's knots begin in `knots` and `values`.
     knots : (K,) log ratios, ascending within a cluster, from the same first to the same last.
     values : (K,) log integrals there.
+    levels : (C,) the most that the worst off of a cluster's detections reaches with any cluster.
     """
 
     entries: IntArray
     first_knot: IntArray
     knots: FloatArray
     values: FloatArray
+    levels: FloatArray
+
+    @classmethod
+    def of_knots(
+        cls, entries: IntArray, owner: IntArray, knots: FloatArray, values: FloatArray
+    ) -> ClusterTable:
+        """Return the table of knots that are sorted by their clusters, `owner` (K,)."""
+        first_knot = np.searchsorted(owner, np.arange(len(entries) + 1))
+        tops = np.maximum.reduceat(values, first_knot[:-1]) if len(entries) else np.empty(0)
+        return cls(entries, first_knot, knots, values, _best_of_detections(entries, tops))
 
     @property
     def n_clusters(self) -> int:
@@ -110,7 +121,10 @@ class ClusterTable:
         """Cubics through the two knots on either side of `at`, which follows knot `left`.
 
         Where the slopes on both sides do not announce an extremum, none is made up: a cubic next
-        to a jump would overshoot by as much.
+        to a jump would overshoot by as much. And a top that they do announce never rises more than
+        half of the way to what the cluster's detections reach elsewhere, and a nat: the halving saw
+        to it that nothing higher hides between knots, while integrals of bearings that contradict
+        each other by thousands of nats are rough.
         """
         first, last = self.first_knot[owner], self.first_knot[owner + 1] - 1
         start = np.clip(left - 1, first, last - 3)
@@ -129,7 +143,8 @@ class ClusterTable:
         low = np.minimum(self.values[left], self.values[left + 1])
         high = np.maximum(self.values[left], self.values[left + 1])
         below = np.where((before < 0.0) & (after > 0.0), margin, 0.0)
-        above = np.where((before > 0.0) & (after < 0.0), margin, 0.0)
+        highest = 1.0 + 0.5 * np.maximum(self.levels[owner] - high, 0.0)
+        above = np.where((before > 0.0) & (after < 0.0), np.minimum(margin, highest), 0.0)
         return np.asarray(np.clip(cubic, low - below, high + above))
 
     def _slopes(self) -> FloatArray:
@@ -180,7 +195,8 @@ def tabulate(
     first = model.log_step_mean + model.log_step_sigma * first
     count = len(entries)
     if count == 0:
-        return ClusterTable(entries, np.zeros(1, np.int64), np.empty(0), np.empty(0))
+        nothing = np.empty(0)
+        return ClusterTable.of_knots(entries, np.empty(0, np.int64), nothing, nothing)
     narrowest = NARROWEST * min(float(sigma.min(initial=np.pi)) for sigma in sigmas)
     owner = np.repeat(np.arange(count), len(first))
     knots = np.tile(first, count)
@@ -189,10 +205,9 @@ def tabulate(
     for _ in range(MAX_HALVINGS):
         if not is_open.any():
             break
-        first_knot = np.searchsorted(owner, np.arange(count + 1))
-        table = ClusterTable(entries, first_knot, knots, values)
+        table = ClusterTable.of_knots(entries, owner, knots, values)
         weighed = values + log_prior(knots)
-        top = _best_of_detections(entries, np.maximum.reduceat(weighed, first_knot[:-1]))
+        top = _best_of_detections(entries, np.maximum.reduceat(weighed, table.first_knot[:-1]))
         left = np.flatnonzero(is_open)
         middle = 0.5 * (knots[left] + knots[left + 1])
         predicted = table._cubic(owner[left], left, middle)
@@ -205,8 +220,7 @@ def tabulate(
         knots = np.insert(knots, left + 1, middle)
         values = np.insert(values, left + 1, found)
         is_open = np.insert(is_open, left + 1, wrong)
-    first_knot = np.searchsorted(owner, np.arange(count + 1))
-    return ClusterTable(entries, first_knot, knots, values)
+    return ClusterTable.of_knots(entries, owner, knots, values)
 
 
 def _chunks(count: int) -> list[IntArray]:

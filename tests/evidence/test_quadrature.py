@@ -380,3 +380,26 @@ def test_scans_that_contradict_each_other_utterly_fit_into_memory() -> None:
     best = rank_by_evidence(run, model=model, work_limit=10)
     assert best.complete or best.covered == 1.0
     assert all(np.isfinite(h.log_evidence) for h in best)
+
+
+def test_clusters_in_contradiction_leave_the_list_as_it_is() -> None:
+    bearings_deg = [
+        [-101.4, 178.6],
+        [-109.88, 29.53, 179.45],
+        [-0.36, -177.64, -110.29, 28.56],
+    ]
+    run = StraightRun(BearingScan(np.deg2rad(b)) for b in bearings_deg)
+    model = ObservationModel(
+        sigma=np.deg2rad(3.0) / np.sqrt(3.0),
+        landmark_sigma=5.0,
+        detection_probability=0.9,
+        false_alarm_rate=0.1,
+        expected_landmarks=3.0,
+    )
+    few = rank_by_evidence(run, model=model, max_missed=1, max_false=1, top_k=3)
+    many = rank_by_evidence(run, model=model, max_missed=4, max_false=3, top_k=3)
+    assert few[0].association == many[0].association
+    assert few[0].log_evidence == pytest.approx(many[0].log_evidence, abs=1e-3)
+    given = evidence_by_quadrature(run, [h.association for h in many], model=model)
+    for listed, direct in zip(many, given, strict=True):
+        assert listed.log_evidence == pytest.approx(direct.log_evidence, abs=5e-3)
