@@ -74,9 +74,10 @@ def integrate(
     mirror : (d,) signs of a reflection. The points are closed under it, so that reflecting the
         integrand leaves the result the same to rounding.
 
-    Returns None where the function vanishes at `near`, `covariance` is not positive definite, or
-    fewer than `TOO_FEW` points carry the sum, as from a `near` that lies far off. Where the points
-    represent the function badly, more modes are sought from the point that carries the most weight.
+    Returns None where the function vanishes at `near`, no mode is reached from there, `covariance`
+    is not positive definite, or fewer than `TOO_FEW` points carry the sum, as from a `near` that
+    lies far off. Where the points represent the function badly, more modes are sought from the
+    point that carries the most weight.
     """
     try:
         root = _cholesky(covariance)
@@ -124,7 +125,10 @@ def _next_proposal(
 def _find_mode(
     log_function: LogFunction, near: FloatArray, root: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Newton's method with derivatives by differences: a mode, and a root of its covariance."""
+    """Newton's method with derivatives by differences: a mode, and a root of its covariance.
+
+    None where it does not arrive: points about a place on a flank say little of the integral.
+    """
     d = len(near)
     i, j = np.triu_indices(d, 1)
     units = STENCIL * np.eye(d)
@@ -154,6 +158,8 @@ def _find_mode(
         place = place + move
         if length <= SHORTEST_MOVE:
             break
+    else:
+        return None
     return near + root @ place, root @ _cholesky(covariance)
 
 

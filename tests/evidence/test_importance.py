@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
@@ -36,6 +36,7 @@ def test_a_gaussian_integrates_to_its_weight(d: int, seed: int, log_weight: floa
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(2, 6), st.integers(0, 10_000))
+@example(5, 295)
 def test_a_start_too_far_off_is_refused_or_does_no_harm(d: int, seed: int) -> None:
     """Half a marginal deviation is hundreds of deviations where the covariance is thin."""
     rng = np.random.default_rng(seed)
