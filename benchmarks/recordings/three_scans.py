@@ -29,10 +29,13 @@ from rich.progress import track
 
 import mht_slam as ms
 from mht_slam.datasets.dlr import read_dlr
-from mht_slam.datasets.dlr_runs import LabelledRun, three_scan_runs
+from mht_slam.datasets.dlr_runs import three_scan_runs
+from mht_slam.datasets.labelled_runs import LabelledRun
 from mht_slam.errors import MhtSlamError
 from mht_slam.evaluation.baselines import nearest_bearing, order_changes, order_keeping
+from mht_slam.evaluation.ceilings import assignment_given_truth
 from mht_slam.evaluation.significance import mcnemar, paired_bootstrap, wilson_interval
+from mht_slam.evaluation.splits import halves
 
 EPSILONS_DEG = (1.0, 3.0, 5.0, 10.0)
 MAX_RANGES = (30.0, 100.0, 300.0)
@@ -52,6 +55,11 @@ HEADING_SIGMAS_DEG = (0.0, 1.0, 3.0)
 N_LANDMARKS = (3, 4, 5)
 ORDER_KEEPING = "order-keeping"
 HEADLINE = "graph evidence"
+LEAST_PROBABILITY = 1e-3
+"""What a truth counts for that is less likely or not listed, in the log score."""
+CEILING = "given truth"
+CEILING_SIGMA = np.deg2rad(0.5)
+CEILING_GATE = 6.0
 UNSEEDED = "graph evidence over all"
 
 
@@ -94,7 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rows = [row for result in results for row in result]
     options.output.mkdir(parents=True, exist_ok=True)
     write_rows(options.output / "rows.csv", rows)
-    summary = list(summarise(rows))
+    summary = [*summarise(rows), "", *summarise_halves(rows)]
     (options.output / "summary.md").write_text("\n".join(summary) + "\n", encoding="utf-8")
     draw(rows).savefig(options.output / "three_scans.png", dpi=150)
     print("\n".join(summary))
@@ -129,6 +137,7 @@ def study_segment(job: tuple[int, LabelledRun]) -> list[Row]:
     rows = [
         row(ORDER_KEEPING, "", [order_keeping(run)]),
         row("nearest bearing", "", [nearest_bearing(run)]),
+        row(CEILING, "", [_given_truth(labelled)]),
     ]
     for epsilon in EPSILONS_DEG:
         for max_range in MAX_RANGES:
@@ -152,6 +161,17 @@ def study_segment(job: tuple[int, LabelledRun]) -> list[Row]:
         posterior = ms.refine(run, all_associations(labelled.n), model=MODEL)
         rows.append(row(UNSEEDED, graph_options(MODEL), *solved(posterior, truth)))
     return rows
+
+
+def _given_truth(labelled: LabelledRun) -> ms.Association:
+    """Assign detections to the true map from the true poses."""
+    return assignment_given_truth(
+        labelled.run,
+        labelled.reference_poses,
+        labelled.reference_landmarks,
+        CEILING_SIGMA,
+        CEILING_GATE,
+    )
 
 
 def polygon_seeds(run: ms.StraightRun) -> list[ms.Association]:
@@ -183,15 +203,15 @@ def solved(
 
 
 def models() -> Iterator[ms.ObservationModel]:
-    """The stated model, then one change at a time."""
+    """The stated model, then every landmark prior with every deviation of headings."""
     yield MODEL
-    for landmark_sigma in LANDMARK_SIGMAS:
-        if landmark_sigma != MODEL.landmark_sigma:
-            yield replace(MODEL, landmark_sigma=landmark_sigma)
     for heading in HEADING_SIGMAS_DEG:
-        changed = replace(MODEL, heading_sigma=np.deg2rad(heading))
-        if changed != MODEL:
-            yield changed
+        for landmark_sigma in LANDMARK_SIGMAS:
+            changed = replace(
+                MODEL, heading_sigma=np.deg2rad(heading), landmark_sigma=landmark_sigma
+            )
+            if changed != MODEL:
+                yield changed
 
 
 def graph_options(model: ms.ObservationModel) -> str:
@@ -239,6 +259,56 @@ def summarise(rows: Sequence[Row]) -> Iterator[str]:
     for name in dict.fromkeys(row.name for row in rows):
         mine = [row for row in rows if row.name == name]
         yield "| " + " | ".join([name, *_cells(mine, baseline)]) + " |"
+
+
+def summarise_halves(rows: Sequence[Row]) -> Iterator[str]:
+    """Markdown: the assumptions chosen on the tuning half, and what they do on the other one."""
+    tuning, scored = (set(half) for half in halves(sorted({row.segment for row in rows})))
+    chosen = max(
+        dict.fromkeys(row.options for row in rows if row.method == HEADLINE),
+        key=lambda options: _log_score(
+            [
+                row
+                for row in rows
+                if row.segment in tuning and row.method == HEADLINE and row.options == options
+            ]
+        ),
+    )
+    yield (
+        f"Chosen on the tuning half ({len(tuning)} segments) by the mean log probability of the "
+        f"truth, floored at {LEAST_PROBABILITY:g}: {chosen}."
+    )
+    yield ""
+    yield "| method | exact, tuning | exact, scored | scored, minus order-keeping | McNemar p |"
+    yield "|" + " --- |" * 5
+    names = [ORDER_KEEPING, "nearest bearing", CEILING, f"{HEADLINE} {chosen}"]
+    names.append(f"{HEADLINE} {graph_options(MODEL)}")
+    names += [_best_polygon([row for row in rows if row.segment in tuning])]
+    baseline = [row for row in rows if row.method == ORDER_KEEPING and row.segment in scored]
+    for name in dict.fromkeys(names):
+        first, second = (
+            [row for row in rows if row.name == name and row.segment in half]
+            for half in (tuning, scored)
+        )
+        difference = ["", ""]
+        if name != ORDER_KEEPING:
+            difference = list(_cells(second, baseline))[-2:]
+        yield "| " + " | ".join([name, _rate(first, 1), _rate(second, 1), *difference]) + " |"
+
+
+def _log_score(rows: Sequence[Row]) -> float:
+    return float(
+        np.mean([np.log(max(row.truth_probability or 0.0, LEAST_PROBABILITY)) for row in rows])
+    )
+
+
+def _best_polygon(rows: Sequence[Row]) -> str:
+    """The options with which the polygon ranking is right most often."""
+    polygon = [row for row in rows if row.method == "polygon"]
+    return max(
+        dict.fromkeys(row.name for row in polygon),
+        key=lambda name: sum(_hits([row for row in polygon if row.name == name], 1)),
+    )
 
 
 def _cells(mine: Sequence[Row], baseline: Sequence[Row]) -> Iterator[str]:
