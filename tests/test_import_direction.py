@@ -53,7 +53,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "incremental": {*FOUNDATION, *MAIN_JOB},
     "evaluation": {*FOUNDATION, *MAIN_JOB, "incremental"},
     "plotting": {*FOUNDATION, *MAIN_JOB, "incremental", "evaluation"},
-    "cli": {*FOUNDATION, *READERS_OF_THE_VALUES, *MAIN_JOB, *AROUND_IT},
+    "cli": {*FOUNDATION, *READERS_OF_THE_VALUES, *MAIN_JOB, *AROUND_IT, "presets"},
 }
 """The packages and modules of mht_slam that each one may import, besides itself."""
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from rich.console import Console
 
-from mht_slam.cli.options import Method, MethodOptions, Output, OutputOptions
+from mht_slam.cli.options import Method, MethodOptions, Output, OutputOptions, Work, WorkOptions
 from mht_slam.cli.run_folder import to_json
 
 SCANS = (0, 1, 2)
@@ -23,6 +23,7 @@ class Demo:
     seed: int = 0
     """Seed of the noise and of the order of detections."""
     method: Method = field(default_factory=MethodOptions)
+    work: Work = field(default_factory=WorkOptions)
     output: Output = field(default_factory=OutputOptions)
 
     def run(self, console: Console) -> None:
@@ -36,6 +37,7 @@ class Demo:
 
         whole_number(self.seed, "seed", at_least=0)
         self.method.model()  # says what is wrong with it before anything is printed
+        self.work.check()
         scene = paper_scene(np.random.default_rng(self.seed), self.method.epsilon)
         study = Study(
             command="demo",
@@ -49,4 +51,4 @@ class Demo:
             f"The paper's scene: three scans of three landmarks, noise uniform inside "
             f"{self.method.epsilon_deg:g} deg, seed {self.seed}."
         )
-        run_study(study, self.method, self.output, console)
+        run_study(study, self.method, self.work, self.output, console)

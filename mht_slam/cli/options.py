@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import os
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 import tyro
 
-from mht_slam.arrays import finite_number
+from mht_slam.arrays import finite_number, whole_number
+from mht_slam.cli.model_options import ModelOptions
+from mht_slam.errors import OptionError
 from mht_slam.models import ObservationModel
 
 FigureFormat: TypeAlias = Literal["png", "pdf", "svg"]
 
-EPSILON_OVER_SIGMA = math.sqrt(3.0)
-"""Uniform noise inside +-epsilon has the standard deviation epsilon / sqrt 3."""
+MOST_WORKERS = 1024
+DASK_TIMEOUT = 10.0
+"""Seconds that a dask scheduler has to answer."""
 
 
 @dataclass(frozen=True)
@@ -24,20 +32,11 @@ class MethodOptions:
 
     epsilon_deg: float = 3.0
     """Vision error: the bound on a bearing's error, degrees, above 0 and below 90."""
-    sigma_deg: float | None = None
-    """Standard deviation of a bearing, degrees; a scan's own sigma in the file goes before it.
-    Default: epsilon / sqrt(3), which is that of uniform noise inside epsilon."""
-    heading_sigma_deg: float = 0.0
-    """Independent deviation of each heading from the direction of travel, degrees."""
-    lateral_sigma: float = 0.0
-    """Deviation of the third and later scans from the line, first baselines."""
-    landmark_sigma: float = ObservationModel.landmark_sigma
-    """Standard deviation of the landmark prior per axis, first baselines. It moves probabilities
-    more than anything else."""
     max_range: float = 100.0
     """Where cells of the polygon method are cut, baselines of each pair."""
     top_k: int = 50
     """How many of the ranked associations the factor graph refines."""
+    assumed: ModelOptions = field(default_factory=ModelOptions)
 
     @property
     def epsilon(self) -> float:
@@ -46,17 +45,40 @@ class MethodOptions:
 
     def model(self) -> ObservationModel:
         """Return the model behind the probabilities; raises `OptionError`."""
-        sigma_deg = self.sigma_deg
-        if sigma_deg is None:
-            sigma_deg = math.degrees(self.epsilon) / EPSILON_OVER_SIGMA
-        finite_number(sigma_deg, "sigma_deg", above=0.0, below=180.0)
-        finite_number(self.heading_sigma_deg, "heading_sigma_deg", at_least=0.0, below=180.0)
-        return ObservationModel(
-            sigma=math.radians(sigma_deg),
-            heading_sigma=math.radians(self.heading_sigma_deg),
-            lateral_sigma=self.lateral_sigma,
-            landmark_sigma=self.landmark_sigma,
-        )
+        return self.assumed.model(self.epsilon)
+
+
+@dataclass(frozen=True)
+class WorkOptions:
+    """Who does the work. The results do not depend on it."""
+
+    workers: int = 1
+    """Processes that refine hypotheses; 1 works without others."""
+    dask: str | None = None
+    """Address of a dask scheduler, such as tcp://127.0.0.1:8786, whose workers refine instead. They
+    need mht-slam too."""
+
+    def check(self) -> None:
+        """Raise `OptionError` for a number of workers that is none, or for both options."""
+        if whole_number(self.workers, "workers", at_least=1) > MOST_WORKERS:
+            raise OptionError(f"workers is {self.workers}: give at most {MOST_WORKERS}")
+        if self.dask is not None and self.workers != 1:
+            raise OptionError("dask: its workers are those of the scheduler: leave --workers")
+
+    @contextmanager
+    def executor(self) -> Iterator[Executor | None]:
+        """Hold the executor while the work is done; raises `OptionError` where there is none."""
+        self.check()
+        if self.dask is not None:
+            with _dask_executor(self.dask) as executor:
+                yield executor
+        elif self.workers == 1:
+            yield None
+        else:
+            # Threads of workers side by side would fight for the cores.
+            os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+            with ProcessPoolExecutor(self.workers, mp_context=get_context("spawn")) as pool:
+                yield pool
 
 
 @dataclass(frozen=True)
@@ -70,5 +92,20 @@ class OutputOptions:
 
 
 Method = Annotated[MethodOptions, tyro.conf.OmitArgPrefixes]
+Work = Annotated[WorkOptions, tyro.conf.OmitArgPrefixes]
 Output = Annotated[OutputOptions, tyro.conf.OmitArgPrefixes]
 """Nested, but with options that carry no prefix."""
+
+
+@contextmanager
+def _dask_executor(address: str) -> Iterator[Executor]:
+    try:
+        from distributed import Client
+    except ImportError as cause:
+        raise OptionError("dask: not installed: pip install 'mht-slam[distributed]'") from cause
+    try:
+        client = Client(address, timeout=DASK_TIMEOUT)  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as cause:  # an address that is none is a ValueError
+        raise OptionError(f"dask: no scheduler answers at {address!r}: {cause}") from cause
+    with client:
+        yield client.get_executor()  # type: ignore[no-untyped-call]

@@ -10,12 +10,14 @@ from typing import Any
 
 from mht_slam.association import MISSED, Association
 from mht_slam.cli.run_folder import write_json
-from mht_slam.hypotheses import Hypothesis
+from mht_slam.comparison import ComparisonRow
+from mht_slam.hypotheses import Hypothesis, Posterior
 from mht_slam.measurements import BearingScan
 from mht_slam.pipeline import Solution
 
 RESULTS_FILE = "results.json"
 TABLE_FILE = "table.csv"
+SEEDS_FILE = "seeds.csv"
 TRAJECTORY_FILE = "trajectory.tum"
 
 RESULTS_FORMAT = 1
@@ -39,16 +41,38 @@ def write_results(
 ) -> list[Path]:
     """Write results.json, table.csv and, where there is an estimate, trajectory.tum.
 
-    `scans` and `truth` are over the posterior's scans. The same solution gives the same bytes.
+    `scans` and `truth` are over the posterior's scans. Where these are more than were ranked, the
+    hypotheses over the ranked scans are in seeds.csv. The same solution gives the same bytes.
     """
     write_json(folder / RESULTS_FILE, _results(solution, truth))
-    _write_table(folder / TABLE_FILE, solution, truth)
+    _write_table(folder / TABLE_FILE, posterior_rows(solution), solution.posterior, truth)
     written = [folder / RESULTS_FILE, folder / TABLE_FILE]
+    if solution.seeds is not None:
+        of_ranked = truth_of(solution, truth)
+        _write_table(folder / SEEDS_FILE, solution.comparison.rows, solution.seeds, of_ranked)
+        written.append(folder / SEEDS_FILE)
     if len(solution.posterior) and solution.posterior[0].poses is not None:
         path = folder / TRAJECTORY_FILE
         path.write_text(tum_trajectory(solution.posterior[0], scans), encoding="utf-8")
         written.append(path)
     return written
+
+
+def posterior_rows(solution: Solution) -> tuple[ComparisonRow, ...]:
+    """One row for every hypothesis of the posterior; those over more scans have no polygons."""
+    if solution.seeds is None:
+        return solution.comparison.rows
+    return tuple(
+        ComparisonRow(h.association, None, None, h.log_likelihood, h.log_evidence, k, h.probability)
+        for k, h in enumerate(solution.posterior, start=1)
+    )
+
+
+def truth_of(solution: Solution, truth: Association | None) -> Association | None:
+    """Return what the truth over the posterior's scans says of the ranked ones."""
+    if truth is None or solution.seeds is None:
+        return truth
+    return truth.restrict(solution.ranking.scans)
 
 
 def describe_association(association: Association) -> str:
@@ -79,14 +103,14 @@ def tum_trajectory(hypothesis: Hypothesis, scans: Sequence[BearingScan]) -> str:
 
 def _results(solution: Solution, truth: Association | None) -> dict[str, Any]:
     ranking, posterior, comparison = solution.ranking, solution.posterior, solution.comparison
-    rows = zip(comparison.rows, posterior, strict=True)
     return {
         "format": RESULTS_FORMAT,
-        "scans": ranking.scans,
+        "scans": posterior.scans,
         "n_detections": posterior[0].association.n_detections if len(posterior) else None,
         "unit": posterior.unit,
         "model": posterior.model.to_dict(),
         "ranking": {
+            "scans": ranking.scans,
             "epsilon": ranking.epsilon,
             "base": ranking.base,
             "complete": ranking.complete,
@@ -101,36 +125,47 @@ def _results(solution: Solution, truth: Association | None) -> dict[str, Any]:
             "truth_polygon_rank": comparison.truth_polygon_rank,
             "truth_evidence_rank": comparison.truth_evidence_rank,
         },
-        "hypotheses": [
-            {
-                "association": row.association.table,
-                "polygon_score": row.polygon_score,
-                "polygon_rank": row.polygon_rank,
-                "log_likelihood": row.log_likelihood,
-                "log_evidence": row.log_evidence,
-                "log_evidence_error": hypothesis.log_evidence_error,
-                "probability": row.probability,
-                "evidence_rank": row.evidence_rank,
-                "truth": None if truth is None else row.association.exact(truth),
-                "failure": hypothesis.failure,
-                "poses": hypothesis.poses,
-                "landmarks": hypothesis.landmarks,
-                "pose_covariances": hypothesis.pose_covariances,
-                "landmark_covariances": hypothesis.landmark_covariances,
-                "ranged": hypothesis.ranged,
-            }
-            for row, hypothesis in rows
-        ],
+        "hypotheses": _hypotheses(posterior_rows(solution), posterior, truth),
+        "seeds": None
+        if solution.seeds is None
+        else _hypotheses(comparison.rows, solution.seeds, truth_of(solution, truth)),
         "detections": posterior.detections,
         "marginal_same_landmark": posterior.marginal_same_landmark() if len(posterior) else [],
     }
 
 
-def _write_table(path: Path, solution: Solution, truth: Association | None) -> None:
+def _hypotheses(
+    rows: Sequence[ComparisonRow], posterior: Posterior, truth: Association | None
+) -> list[dict[str, Any]]:
+    return [
+        {
+            "association": row.association.table,
+            "polygon_score": row.polygon_score,
+            "polygon_rank": row.polygon_rank,
+            "log_likelihood": row.log_likelihood,
+            "log_evidence": row.log_evidence,
+            "log_evidence_error": hypothesis.log_evidence_error,
+            "probability": row.probability,
+            "evidence_rank": row.evidence_rank,
+            "truth": None if truth is None else row.association.exact(truth),
+            "failure": hypothesis.failure,
+            "poses": hypothesis.poses,
+            "landmarks": hypothesis.landmarks,
+            "pose_covariances": hypothesis.pose_covariances,
+            "landmark_covariances": hypothesis.landmark_covariances,
+            "ranged": hypothesis.ranged,
+        }
+        for row, hypothesis in zip(rows, posterior, strict=True)
+    ]
+
+
+def _write_table(
+    path: Path, rows: Sequence[ComparisonRow], posterior: Posterior, truth: Association | None
+) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(TABLE_COLUMNS)
-        for row, hypothesis in zip(solution.comparison.rows, solution.posterior, strict=True):
+        for row, hypothesis in zip(rows, posterior, strict=True):
             writer.writerow(
                 [
                     describe_association(row.association),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from rich.console import Console
 
-from mht_slam.cli.options import EPSILON_OVER_SIGMA
+from mht_slam.cli.model_options import EPSILON_OVER_SIGMA
 from mht_slam.cli.run_folder import run_folder, to_json, write_json
 from mht_slam.errors import OptionError
 

@@ -1,4 +1,4 @@
-"""`mht-slam solve FILE`: rank, refine and compare the associations of a scan file."""
+"""`mht-slam solve FILE`: rank, refine and compare, then go on over all scans of a file."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ import tyro
 from rich.console import Console
 
 from mht_slam.association import Association
-from mht_slam.cli.options import Method, MethodOptions, Output, OutputOptions
+from mht_slam.cli.options import Method, MethodOptions, Output, OutputOptions, Work, WorkOptions
 from mht_slam.cli.run_folder import to_json
 from mht_slam.errors import OptionError
 from mht_slam.measurements import RunPair, StraightRun
 
-DEFAULT_SCANS = (0, 1, 2)
-
 
 @dataclass(frozen=True)
 class Solve:
-    """Rank, refine and compare the associations of three scans of a file (or of two pairs).
+    """Find out which detections of a file's scans are one landmark, and map the landmarks.
 
-    The robot must have travelled straight ahead through the scans. Odometry in the file is not
-    used. Where the file holds the truth, it is marked.
+    The associations of three scans (or of two pairs) are ranked, refined and compared. A file of
+    more scans is solved over all of them from there. Where the file holds the truth, it is marked.
+    Odometry in the file is used with --motion odometry only.
     """
 
     file: tyro.conf.Positional[Path]
     """Scan file: JSON lines (.jsonl, .json) or CSV (.csv)."""
-    scans: tuple[int, int, int] = DEFAULT_SCANS
-    """Which three scans, in order of travel; the first has number 0."""
+    scans: tuple[int, int, int] | None = None
+    """Solve these three scans alone, in order of travel; the first has number 0."""
     pair: bool = False
     """Take the file's four scans as two straight runs of two scans each."""
     method: Method = field(default_factory=MethodOptions)
+    work: Work = field(default_factory=WorkOptions)
     output: Output = field(default_factory=OutputOptions)
 
     def run(self, console: Console) -> None:
@@ -43,7 +43,7 @@ class Solve:
         run: StraightRun | RunPair
         truth: Association | None
         if self.pair:
-            if self.scans != DEFAULT_SCANS or len(content.scans) != 4:
+            if self.scans is not None or len(content.scans) != 4:
                 raise OptionError(
                     f"pair: the file has {len(content.scans)} scans: --pair takes a file of "
                     "exactly four, whole, without --scans"
@@ -51,8 +51,10 @@ class Solve:
             run, truth = RunPair(content.scans[:2], content.scans[2:]), content.truth
         else:
             run = StraightRun(content.scans)
-            run.select(self.scans)  # says what is wrong with them before any work
-            truth = None if content.truth is None else content.truth.restrict(self.scans)
+            truth = content.truth
+            if self.scans is not None:
+                run.select(self.scans)  # says what is wrong with them before any work
+                truth = None if truth is None else truth.restrict(self.scans)
         study = Study(
             command="solve",
             run=run,
@@ -61,4 +63,4 @@ class Solve:
             layout=None,
             configuration={"seed": None, "options": to_json(self)},
         )
-        run_study(study, self.method, self.output, console)
+        run_study(study, self.method, self.work, self.output, console)

@@ -7,4 +7,5 @@ or a file. The caller saves: ``figure.savefig("cells.png")``.
 from mht_slam.plotting.frames import TrueLayout as TrueLayout
 from mht_slam.plotting.landmark_map import landmark_map_figure as landmark_map_figure
 from mht_slam.plotting.pair_cells import cells_figure as cells_figure
+from mht_slam.plotting.run_map import run_map_figure as run_map_figure
 from mht_slam.plotting.score_comparison import comparison_figure as comparison_figure

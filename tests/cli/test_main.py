@@ -8,6 +8,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ import pytest
 
 from mht_slam import __version__, pipeline
 from mht_slam.cli.main import main
+from mht_slam.cli.model_options import ModelOptions
 from mht_slam.datasets import read_scans
+from mht_slam.models import ObservationModel
 
 SCRIPT = [sys.executable, "-c", "import sys; from mht_slam.cli.main import main; sys.exit(main())"]
 
@@ -58,6 +61,7 @@ def test_the_demo_leaves_results_table_trajectory_and_figures(demo: Path) -> Non
         "cells.png",
         "landmark_frame.png",
         "comparison.png",
+        "run_map.png",
     }
     for figure in demo.glob("*.png"):
         assert figure.stat().st_size > 20_000
@@ -69,7 +73,7 @@ def test_the_results_hold_every_hypothesis_with_its_scores_and_estimate(demo: Pa
     results = json.loads((demo / "results.json").read_text())
     assert set(results) == {
         "format", "scans", "n_detections", "unit", "model", "ranking", "truth", "comparison",
-        "hypotheses", "detections", "marginal_same_landmark",
+        "hypotheses", "seeds", "detections", "marginal_same_landmark",
     }  # fmt: skip
     hypotheses = results["hypotheses"]
     assert len(hypotheses) > 1, "the demo compares several hypotheses"
@@ -146,7 +150,7 @@ def test_a_simulated_file_is_solved_with_its_truth(
     out = tmp_path / "runs"
     assert main(["solve", str(scan_file), "--output", str(out), "--figure-format", "svg"]) == 0
     assert "the truth ranks" in capsys.readouterr().out
-    assert len(list((out / "latest").glob("*.svg"))) == 3
+    assert len(list((out / "latest").glob("*.svg"))) == 4
 
 
 def test_three_scans_of_a_longer_file_are_solved(tmp_path: Path) -> None:
@@ -160,6 +164,123 @@ def test_three_scans_of_a_longer_file_are_solved(tmp_path: Path) -> None:
     truth = read_scans(file).truth
     assert truth is not None
     assert results["truth"] == truth.restrict([0, 2, 4]).table.tolist()
+
+
+def a_longer_file(tmp_path: Path, *options: str) -> Path:
+    fixed = ["--landmarks", "3", "--n-scans", "5", "--noise", "gaussian", "--sigma-deg", "0.5"]
+    assert main(["simulate", *fixed, *options, "--output", str(tmp_path / "simulated")]) == 0
+    return tmp_path / "simulated" / "latest" / "scans.jsonl"
+
+
+def test_a_longer_file_is_solved_over_all_of_its_scans(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = a_longer_file(tmp_path), tmp_path / "runs"
+    capsys.readouterr()
+    assert main(["solve", str(file), "--sigma-deg", "0.5", "--output", str(out)]) == 0
+    screen = capsys.readouterr().out
+    assert "Scans 0, 1, 2: hypotheses" in screen
+    assert "All 5 scans: hypotheses" in screen
+    assert screen.count("motion=straight") == 1
+    results = json.loads((out / "latest" / "results.json").read_text())
+    assert results["scans"] == [0, 1, 2, 3, 4]
+    assert results["ranking"]["scans"] == [0, 1, 2]
+    best = results["hypotheses"][0]
+    assert best["truth"] is True
+    assert best["polygon_score"] is None
+    assert np.shape(best["poses"]) == (5, 3)
+    assert sum(h["probability"] for h in results["hypotheses"]) == pytest.approx(1.0)
+    assert all(np.shape(h["poses"]) == (3, 3) for h in results["seeds"])
+    assert results["seeds"][0]["polygon_score"] > 0.0
+    assert np.loadtxt(out / "latest" / "trajectory.tum").shape == (5, 8)
+    for name, listed in (("table.csv", "hypotheses"), ("seeds.csv", "seeds")):
+        with (out / "latest" / name).open(newline="") as table:
+            assert len(list(csv.DictReader(table))) == len(results[listed])
+    assert {path.name for path in (out / "latest").glob("*.png")} == {
+        "cells.png", "landmark_frame.png", "comparison.png", "run_map.png",
+    }  # fmt: skip
+
+
+def test_scans_with_misses_need_a_model_that_knows_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = a_longer_file(tmp_path), tmp_path / "runs"
+    lines = file.read_text().splitlines()
+    short = json.loads(lines[1])
+    short["bearings_deg"], short["landmarks"] = short["bearings_deg"][1:], short["landmarks"][1:]
+    lines[1] = json.dumps(short)
+    file.write_text("\n".join(lines))
+    capsys.readouterr()
+    solve = ["solve", str(file), "--output", str(out)]
+    assert main(solve) == 2
+    assert "--preset" in error_line(capsys)
+    assert main([*solve, "--preset", "panoramic", "--sigma-deg", "0.5"]) == 0
+    screen = capsys.readouterr().out
+    assert "Polygons rank nothing here" in screen
+    assert "All 5 scans: hypotheses" in screen
+    model = json.loads((out / "latest" / "results.json").read_text())["model"]
+    assert model["motion"] == "smooth"
+    assert model["detection_probability"] == 0.9
+    assert model["sigma"] == pytest.approx(math.radians(0.5)), "an option goes before the preset"
+    assert (out / "latest" / "seeds.csv").read_text().count("\n") == 1
+
+
+def test_every_option_of_the_model_reaches_the_model() -> None:
+    assumed = ModelOptions(
+        motion="smooth",
+        sigma_deg=0.5,
+        bearing_dof=4.0,
+        heading_sigma_deg=1.0,
+        lateral_sigma=0.1,
+        turn_sigma_deg=2.0,
+        drift_sigma_deg=3.0,
+        step_change_sigma=0.3,
+        stops=True,
+        landmark_sigma=12.0,
+        detection_probability=0.8,
+        false_alarm_rate=0.2,
+        expected_landmarks=6.0,
+        stay_probability=0.9,
+        field_of_view_deg=110.0,
+    )
+    options = {field.name.removesuffix("_deg") for field in fields(ModelOptions)}
+    without_option = {"landmark_centre", "log_step_mean", "log_step_sigma"}
+    assert options - {"preset"} == {f.name for f in fields(ObservationModel)} - without_option
+    model = assumed.model(epsilon=0.05)
+    for field in fields(ModelOptions):
+        value = getattr(assumed, field.name)
+        if field.name.endswith("_deg"):
+            assert getattr(model, field.name.removesuffix("_deg")) == math.radians(value)
+        elif field.name != "preset":
+            assert getattr(model, field.name) == value
+
+
+def test_more_workers_give_the_same_bytes(tmp_path: Path) -> None:
+    file = a_longer_file(tmp_path)
+    for workers in ("1", "2"):
+        out = ["--output", str(tmp_path / workers)]
+        assert main(["solve", str(file), "--workers", workers, *out]) == 0
+    for name in ("results.json", "table.csv", "seeds.csv", "trajectory.tum"):
+        alone, together = (tmp_path / n / "latest" / name for n in ("1", "2"))
+        assert alone.read_bytes() == together.read_bytes()
+
+
+def test_the_workers_of_a_dask_cluster_give_the_same_bytes(scan_file: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(
+        n_workers=1,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        protocol="tcp",
+        dashboard_address=None,
+    )
+    with cluster:
+        dask = ["--dask", cluster.scheduler_address]
+        assert main(["solve", str(scan_file), *dask, "--output", str(tmp_path / "dask")]) == 0
+    assert main(["solve", str(scan_file), "--output", str(tmp_path / "alone")]) == 0
+    there, here = (tmp_path / n / "latest" / "results.json" for n in ("dask", "alone"))
+    assert there.read_bytes() == here.read_bytes()
 
 
 def test_two_pairs_of_scans_are_solved(tmp_path: Path) -> None:
@@ -264,6 +385,13 @@ def test_runs_of_the_same_second_get_folders_of_their_own(tmp_path: Path) -> Non
         ('{"bearings_deg": [1, 2, 3]}\n' * 3, ["--epsilon-deg", "nan"], "epsilon_deg"),
         ('{"bearings_deg": [1, 2, 3]}\n' * 3, ["--sigma-deg", "0"], "sigma_deg"),
         ('{"bearings_deg": [1, 2, 3]}\n' * 3, ["--top-k", "0"], "top_k"),
+        ('{"bearings_deg": [1, 2, 3]}\n' * 3, ["--workers", "0"], "workers"),
+        ('{"bearings_deg": [1, 2, 3]}\n' * 3, ["--workers", "5000"], "at most 1024"),
+        ('{"bearings_deg": [1, 2, 3]}\n' * 3, ["--dask", "nowhere"], "dask"),
+        ('{"bearings_deg": [1, 2, 3]}\n' * 3, ["--dask", "tcp://x:1", "--workers", "2"], "dask"),
+        ('{"bearings_deg": [1, 2, 3]}\n' * 3, ["--turn-sigma-deg", "-1"], "turn_sigma_deg"),
+        ('{"bearings_deg": [1, 2, 3]}\n' * 3, ["--field-of-view-deg", "400"], "field_of_view_deg"),
+        ('{"bearings_deg": [1, 2, 3]}\n' * 3, ["--detection-probability", "2"], "detection_prob"),
         ('{"bearings_deg": [1, 2, 3]}\n' * 3, ["--pair"], "exactly four"),
         ('{"bearings_deg": [1, 2, 3]}\n{"bearings_deg": [1, 2, 3, 4]}\n' * 2, [], "detections"),
     ],
