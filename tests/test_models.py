@@ -97,4 +97,4 @@ def test_a_name_is_a_string_and_nothing_that_compares_like_one() -> None:
 
 def test_stops_or_not_is_no_number() -> None:
     with pytest.raises(OptionError, match="stops is nan"):
-        ObservationModel(sigma=0.1, stops=math.nan)  # type: ignore[arg-type]
+        ObservationModel(sigma=0.1, stops=np.nan)  # type: ignore[arg-type]
