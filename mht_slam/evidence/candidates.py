@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from scipy.special import logsumexp
 
 from mht_slam.arrays import FloatArray
 from mht_slam.association import MISSED, Association
@@ -171,10 +170,11 @@ def false_alarm_weight(model: ObservationModel, count: int) -> float:
 
 
 def with_probabilities(hypotheses: list[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """Normalise by log-sum-exp and sort; equal evidences go by the table, failures last."""
+    """Normalise and sort; equal evidences go by the table, failures last."""
     evidence = np.array([h.log_evidence for h in hypotheses])
     if np.isfinite(evidence).any():
-        probabilities = np.exp(evidence - logsumexp(evidence)).tolist()
+        shares = np.exp(evidence - evidence.max())
+        probabilities = (shares / shares.sum()).tolist()
     else:
         probabilities = [0.0] * len(hypotheses)
     weighed = [replace(h, probability=p) for h, p in zip(hypotheses, probabilities, strict=True)]

@@ -403,3 +403,14 @@ def test_clusters_in_contradiction_leave_the_list_as_it_is() -> None:
     given = evidence_by_quadrature(run, [h.association for h in many], model=model)
     for listed, direct in zip(many, given, strict=True):
         assert listed.log_evidence == pytest.approx(direct.log_evidence, abs=5e-3)
+
+
+def test_probabilities_sum_to_one_where_evidences_are_coarser_than_nats() -> None:
+    """Landmarks said to be a billion baselines from where they are seen."""
+    run = StraightRun([BearingScan([-2.356] * 3, sigma=0.5)] * 3)
+    model = replace(sized(ObservationModel(sigma=0.02)), landmark_centre=(1e9, -1e9))
+    tables = ([[0, 0, 0], [1, 1, 1], [2, -1, 2]], [[0, 0, 0], [1, 1, 1], [2, 2, 2]])
+    posterior = evidence_by_quadrature(
+        run, [Association(t, (3, 3, 3)) for t in tables], model=model
+    )
+    assert sum(h.probability for h in posterior) == pytest.approx(1.0, abs=1e-12)
