@@ -6,7 +6,6 @@ from dataclasses import dataclass, fields, replace
 
 from mht_slam.arrays import finite_number, whole_number
 
-
 EARLY_SCANS = 3
 
 
