@@ -40,12 +40,14 @@ if TYPE_CHECKING:
     from mht_slam.pipeline import Solution as Solution
     from mht_slam.pipeline import solve as solve
     from mht_slam.polygon.ranking import rank as rank
+    from mht_slam.tree.effort import Effort as Effort
 
 _HOME = {
     "Association": "association",
     "BearingScan": "measurements",
     "Comparison": "comparison",
     "ConsistentSet": "consistency.consistent_set",
+    "Effort": "tree.effort",
     "Hypothesis": "hypotheses",
     "Observability": "graph.observability",
     "ObservationModel": "models",
