@@ -17,6 +17,7 @@ CONTRACT = [
     "BearingScan",
     "Comparison",
     "ConsistentSet",
+    "Effort",
     "Hypothesis",
     "Observability",
     "ObservationModel",
