@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
 from functools import partial
+from itertools import compress
 from typing import Any, get_args
 
 import numpy as np
@@ -25,9 +26,16 @@ from mht_slam.evidence.candidates import (
 )
 from mht_slam.evidence.visibility import sightlines
 from mht_slam.graph.build import FactorPool, build_graph, graph_keys, make_values
+from mht_slam.graph.gate import log_evidence_bound
 from mht_slam.graph.observability import require_observable
 from mht_slam.graph.problem import Problem, make_problem
-from mht_slam.graph.solve import Estimate, EvidenceMethod, UnsolvedError, solve_association
+from mht_slam.graph.solve import (
+    Estimate,
+    EvidenceMethod,
+    TrappedError,
+    UnsolvedError,
+    solve_association,
+)
 from mht_slam.hypotheses import Hypothesis, Posterior
 from mht_slam.measurements import RunPair, StraightRun
 from mht_slam.models import ObservationModel
@@ -36,6 +44,8 @@ from mht_slam.progress import Progress
 
 BEYOND_FLOATS = "the model's numbers go beyond double precision"
 
+GATE = 60.0
+"""Nats below the best hypothesis beyond which a trapped one is given up: probabilities of 1e-26."""
 CHUNK = 16
 """Candidates sent to a worker at a time."""
 
@@ -81,7 +91,8 @@ def refine(
     Returns
     -------
     The posterior. A candidate that cannot be solved stays in it with log evidence -inf,
-    probability 0 and its `failure`.
+    probability 0 and its `failure`. So does one that leads the optimiser onto an observation point
+    and has, whatever the path, less than e^-60 of the best one's evidence: it is ``gated``.
 
     Raises `OptionError` for a run, model, evidence or scale that is none, where no sigma is known,
     or where candidates differ in the numbers of landmarks, misses or false alarms and the model
@@ -109,7 +120,7 @@ def refine(
     check_sizes([pair.association for pair in pairs], full_model)
     require_observable(run, [pair.association for pair in pairs], full_model)
     problem = make_problem(run, scans, full_model, scale)
-    hypotheses = list(_hypotheses(problem, pairs, evidence, executor, progress))
+    hypotheses = _hypotheses(problem, pairs, evidence, executor, progress)
     return Posterior(
         hypotheses=with_probabilities(hypotheses),
         scans=scans,
@@ -124,14 +135,63 @@ def _hypotheses(
     evidence: EvidenceMethod,
     executor: Executor | None,
     progress: Progress | None,
-) -> Iterator[Hypothesis]:
-    """Solve the candidates in their order, in chunks where an executor does the work."""
+) -> list[Hypothesis]:
+    """Solve the candidates; those that trap the optimiser are rescued where that may matter.
+
+    Most of them are hopeless, and a rescue costs more than all else. Which are is told by the best
+    of the others, so the outcome hangs neither on the order of the candidates nor on the executor.
+    """
+    first = list(_solved(problem, pairs, evidence, executor, progress, rescue=False))
+    worthwhile = -GATE + max((h.log_evidence for h in first if h is not None), default=-math.inf)
+    trapped = [pair for pair, outcome in zip(pairs, first, strict=True) if outcome is None]
+    matters = [_bound(problem, pair) >= worthwhile for pair in trapped]
+    rescued = _solved(
+        problem, list(compress(trapped, matters)), evidence, executor, None, rescue=True
+    )
+    second = [
+        next(rescued) if may else _gated(pair) for pair, may in zip(trapped, matters, strict=True)
+    ]
+    return [*filter(None, first), *filter(None, second)]
+
+
+def _bound(problem: Problem, candidate: Candidate) -> float:
+    """Bound of the log evidence with all weights; infinite where none is known."""
+    model = problem.model
+    if model.compares_sizes and model.field_of_view < 2.0 * math.pi:
+        return math.inf  # what is out of view hangs on the estimate
+    bound = log_evidence_bound(problem, candidate.association.table)
+    return bound + size_weight(candidate.association, model)
+
+
+def _gated(candidate: Candidate) -> Hypothesis:
+    reason = (
+        "gated: the optimiser puts a landmark on an observation point, and no straight path brings "
+        f"it within {GATE:g} nats of the best hypothesis"
+    )
+    return Hypothesis(
+        candidate.association, candidate.score, -math.inf, -math.inf, 0.0, failure=reason
+    )
+
+
+def _solved(
+    problem: Problem,
+    pairs: list[Candidate],
+    evidence: EvidenceMethod,
+    executor: Executor | None,
+    progress: Progress | None,
+    *,
+    rescue: bool,
+) -> Iterator[Hypothesis | None]:
+    """Solve candidates in their order, in chunks where an executor does the work."""
     if executor is None:
         pool = FactorPool(problem)
-        batches: Iterable[list[Hypothesis]] = ([_solve_one(pool, evidence, pair)] for pair in pairs)
+        batches: Iterable[list[Hypothesis | None]] = (
+            [_solve_one(pool, evidence, pair, rescue)] for pair in pairs
+        )
     else:
         chunks = [pairs[i : i + CHUNK] for i in range(0, len(pairs), CHUNK)]
-        batches = ordered_map(executor, partial(_solve_chunk, problem, evidence), chunks)
+        work = partial(_solve_chunk, problem, evidence, rescue)
+        batches = ordered_map(executor, work, chunks)
     done = 0
     for batch in batches:
         yield from batch
@@ -141,13 +201,16 @@ def _hypotheses(
 
 
 def _solve_chunk(
-    problem: Problem, evidence: EvidenceMethod, pairs: list[Candidate]
-) -> list[Hypothesis]:
+    problem: Problem, evidence: EvidenceMethod, rescue: bool, pairs: list[Candidate]
+) -> list[Hypothesis | None]:
     pool = FactorPool(problem)
-    return [_solve_one(pool, evidence, pair) for pair in pairs]
+    return [_solve_one(pool, evidence, pair, rescue) for pair in pairs]
 
 
-def _solve_one(pool: FactorPool, evidence: EvidenceMethod, candidate: Candidate) -> Hypothesis:
+def _solve_one(
+    pool: FactorPool, evidence: EvidenceMethod, candidate: Candidate, rescue: bool
+) -> Hypothesis | None:
+    """Return the solved hypothesis, or None for one to be rescued."""
     association, score, start = candidate
     problem, model = pool.problem, pool.problem.model
     failed = partial(Hypothesis, association, score, -math.inf, -math.inf, 0.0)
@@ -158,7 +221,11 @@ def _solve_one(pool: FactorPool, evidence: EvidenceMethod, candidate: Candidate)
     try:
         # Extreme models overflow on the way; what matters is whether the outcome is finite.
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            estimate = solve_association(problem, association.table, evidence, start, pool)
+            estimate = solve_association(
+                problem, association.table, evidence, start, pool, rescue=rescue
+            )
+    except TrappedError as cause:
+        return failed(str(cause)) if rescue else None
     except UnsolvedError as cause:
         return failed(str(cause))
     except OverflowError:

@@ -28,6 +28,8 @@ HOPELESS_RESIDUAL = 6.0
 """Residual, in sigmas, beyond which plain Laplace is good enough for an evidence of nothing."""
 NEAREST_RANGE = 0.01
 """Range, in baselines, below which a landmark counts as lying on the observation point."""
+HOPELESS_ERROR = 50.0
+"""Nats of error beyond which the linearised factors may move more, in proportion."""
 WHOLE_TURN = 2.0 * math.pi
 MAX_RELINEARISATIONS = 10
 RELINEARISED = 1e-4
@@ -75,12 +77,16 @@ def solve_association(
     evidence: EvidenceMethod = "marginal",
     start: Start | None = None,
     pool: FactorPool | None = None,
+    *,
+    rescue: bool = True,
 ) -> Estimate:
     """Estimate poses and landmarks of one association from its best start.
 
     `evidence` says how the evidence is computed, see `mht_slam.graph.refine.refine`. `start`, poses
     (m, 3) and landmarks (n, 2) in any unit, saves looking for one. `pool`, the factors of this
-    problem, saves making them for every association.
+    problem, saves making them for every association. `rescue` says whether an optimum over
+    positions on an observation point is followed by that look over log ranges; without it
+    `TrappedError` is raised.
 
     With wandering headings the optimum over positions may lie on an observation point, where a
     landmark explains any bearing. The optimum over bearings and log ranges is taken then; Laplace
@@ -102,12 +108,19 @@ def solve_association(
         in_baselines = problem.model.motion != "odometry" and bool(problem.moves)
         unit = problem.baseline / length if in_baselines else 1.0
         start = poses * np.array([unit, unit, 1.0]), unit * landmarks[ranged]
-    estimate = _solve_ranged(pool or FactorPool(problem), table[ranged], evidence, start)
+    estimate = _solve_ranged(
+        pool or FactorPool(problem), table[ranged], evidence, start, rescue=rescue
+    )
     return estimate if ranged.all() else _with_single_sightings(problem, table, ranged, estimate)
 
 
 def _solve_ranged(
-    pool: FactorPool, table: IntArray, evidence: EvidenceMethod, start: Start | None
+    pool: FactorPool,
+    table: IntArray,
+    evidence: EvidenceMethod,
+    start: Start | None,
+    *,
+    rescue: bool,
 ) -> Estimate:
     problem = pool.problem
     subject = _Subject(pool, problem.sightings(table), pool.unlinearised(table))
@@ -115,7 +128,10 @@ def _solve_ranged(
     given = start if not on_line else None
     starts = starting_points(problem, table) if given is None else [given]
     optima, failures = _optima(subject, starts, in_log_range=not on_line)
-    if not optima and any(isinstance(failure, TrappedError) for failure in failures):
+    traps = [failure for failure in failures if isinstance(failure, TrappedError)]
+    if traps and not optima:
+        if not rescue:
+            raise traps[0]
         rescued, _ = _optima(subject, starts, in_log_range=True)
         inside, _ = _optima(subject, [(o.poses, o.landmarks) for o in rescued], in_log_range=False)
         optima = inside or rescued
@@ -200,7 +216,8 @@ def _optimise(
             _check_ranges(problem, sightings, poses, landmarks)
         before, steps = steps, _steps(problem, poses)
         linearised = pool.linearised(subject.unlinearised, poses)
-        if np.abs(steps / before - 1.0).max(initial=0.0) <= RELINEARISED:
+        moved = np.abs(steps / before - 1.0).max(initial=0.0)
+        if moved <= RELINEARISED * max(1.0, linearised.graph.error(values) / HOPELESS_ERROR):
             break
     log_density = linearised.log_density(values)
     if not math.isfinite(log_density + poses.sum() + landmarks.sum()):

@@ -9,9 +9,12 @@ import gtsam
 import numpy as np
 import pytest
 
-from mht_slam import Hypothesis, factors, refine
+from mht_slam import Association, Hypothesis, ObservationModel, factors, refine
 from mht_slam.arrays import FloatArray
-from mht_slam.graph.laplace import SingularGraphError, laplace
+from mht_slam.graph.build import FactorPool, graph_keys, make_values
+from mht_slam.graph.laplace import SingularGraphError, _root_and_inverse, laplace
+from mht_slam.graph.motion import motion_factors
+from mht_slam.graph.problem import make_problem
 from mht_slam.simulation import simulate_pair, simulate_scene
 
 SIGMA = math.radians(1.0)
@@ -110,3 +113,74 @@ def test_an_unobserved_direction_is_named_and_not_inverted() -> None:
     values.insert(1, np.array([2.0, 0.6]))
     with pytest.raises(SingularGraphError, match="not observed"):
         laplace(graph, values)
+
+
+def test_evidence_and_covariance_of_a_cholesky_factor_are_those_of_the_eigenvalues(
+    solved: Hypothesis,
+) -> None:
+    graph, values, _ = solved.to_gtsam()
+    approximation = laplace(graph, values)
+    hessian = graph.linearize(values).hessian()[0]
+    scale = 1.0 / np.sqrt(np.diag(hessian))
+    eigenvalues, vectors = np.linalg.eigh(hessian * scale * scale[:, None])
+    log_determinant = np.log(eigenvalues).sum() - 2.0 * np.log(scale).sum()
+    assert approximation.log_determinant == pytest.approx(log_determinant, abs=1e-8)
+    inverse = (vectors / eigenvalues) @ vectors.T
+    assert approximation.covariance / scale / scale[:, None] == pytest.approx(
+        inverse, rel=1e-6, abs=1e-6
+    )
+
+
+@pytest.mark.parametrize(("smallest", "is_sound"), [(1e-10, True), (1e-13, False), (-1e-6, False)])
+def test_a_hessian_is_refused_by_its_condition(smallest: float, is_sound: bool) -> None:
+    rng = np.random.default_rng(0)
+    basis = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    matrix = (basis * [smallest, 0.5, 1.0, 1.0, 1.0, 1.0]) @ basis.T
+    if is_sound:
+        inverse = _root_and_inverse(matrix)[1]
+        assert inverse @ matrix == pytest.approx(np.eye(6), abs=1e-3)
+    else:
+        with pytest.raises(SingularGraphError, match="eigenvalues from"):
+            _root_and_inverse(matrix)
+
+
+@pytest.mark.parametrize("motion", ["straight", "smooth", "free"])
+def test_a_graph_of_pooled_factors_is_the_graph_built_anew(motion: Any) -> None:
+    scene = simulate_scene("annulus", 4, np.random.default_rng(5), sigma=SIGMA, n_scans=4)
+    model = ObservationModel(sigma=SIGMA, motion=motion)
+    problem = make_problem(scene.run, (0, 1, 2, 3), model)
+    pool = FactorPool(problem)
+    rng = np.random.default_rng(6)
+    for _ in range(5):
+        table = np.column_stack([rng.permutation(4) for _ in range(4)])
+        table[rng.integers(4), rng.integers(4)] = -1
+        pooled = pool.linearised(pool.unlinearised(table), scene.poses)
+        fresh = gtsam.NonlinearFactorGraph()
+        keys = graph_keys(4, 4)
+        for row, scan in np.argwhere(table >= 0).tolist():
+            angle = scene.scans[scan].bearings[table[row, scan]]
+            fresh.add(factors.bearing(keys.scans[scan], keys.landmarks[row], angle, SIGMA))
+        for key in keys.landmarks:
+            fresh.add(factors.landmark_prior(key, (0.5, 0.0), 30.0))
+        for factor in motion_factors(problem, keys.scans, scene.poses):
+            fresh.add(factor)
+        values = make_values(keys, scene.poses, scene.landmarks[:4])
+        assert pooled.graph.size() == fresh.size()
+        assert pooled.graph.error(values) == pytest.approx(fresh.error(values), rel=1e-12)
+        assert pooled.log_density(values) == pytest.approx(
+            factors.log_density(fresh, values), rel=1e-12
+        )
+
+
+def test_shared_factors_change_no_bit_of_a_hypothesis() -> None:
+    scene = simulate_scene("annulus", 4, np.random.default_rng(5), sigma=SIGMA)
+    swapped = scene.truth.table.copy()
+    swapped[[0, 1], 2] = swapped[[1, 0], 2]
+    candidates = [scene.truth, Association(swapped, scene.truth.n_detections)]
+    together = refine(scene.run, candidates, sigma=SIGMA, evidence="laplace")
+    for h in together:
+        alone = refine(scene.run, [h.association], sigma=SIGMA, evidence="laplace")[0]
+        if h.failure is None:
+            assert alone.log_evidence == h.log_evidence
+            assert alone.landmarks is not None and h.landmarks is not None
+            assert alone.landmarks.tobytes() == h.landmarks.tobytes()
