@@ -21,6 +21,7 @@ from mht_slam.graph.log_range import optimise_in_log_range
 from mht_slam.graph.marginal import marginal_log_evidence
 from mht_slam.graph.motion import log_density_outside
 from mht_slam.graph.problem import Problem, Sightings
+from mht_slam.graph.residuals import ranges_and_residuals
 
 EvidenceMethod: TypeAlias = Literal["marginal", "laplace"]
 
@@ -30,7 +31,6 @@ NEAREST_RANGE = 0.01
 """Range, in baselines, below which a landmark counts as lying on the observation point."""
 HOPELESS_ERROR = 50.0
 """Nats of error beyond which the linearised factors may move more, in proportion."""
-WHOLE_TURN = 2.0 * math.pi
 MAX_RELINEARISATIONS = 10
 RELINEARISED = 1e-4
 """Relative change of steps below which linearised factors are taken as exact.
@@ -101,7 +101,7 @@ def solve_association(
     of the graph, counts with its integral at the estimated poses, and is put on its ray at one
     standard deviation of the prior, with the prior's covariance.
     """
-    ranged = (table != MISSED).sum(axis=1) >= 2
+    ranged = np.count_nonzero(table != MISSED, axis=1) >= 2
     if start is not None:
         poses, landmarks = start
         length = float(np.linalg.norm(poses[problem.second_place, :2] - poses[0, :2]))
@@ -198,7 +198,8 @@ def _optimise(
     with_volumes: gtsam.NonlinearFactorGraph | None = None
     anchors: list[tuple[int, int]] = []
     if in_log_range:
-        nearest = _ranges(sightings, poses, landmarks).argmin(axis=1).tolist()
+        ranges, _ = ranges_and_residuals(poses, landmarks, sightings.bearings, sightings.seen)
+        nearest = ranges.argmin(axis=1).tolist()
         anchors = [(keys.scans[k], key) for k, key in zip(nearest, keys.landmarks, strict=True)]
     steps = _steps(problem, poses)
     linearised = pool.linearised(subject.unlinearised, poses)
@@ -210,10 +211,13 @@ def _optimise(
         else:
             optimiser = gtsam.LevenbergMarquardtOptimizer(linearised.graph, values, PARAMETERS)
             values = optimiser.optimize()
-        poses = gtsam.utilities.extractPose2(values)
-        landmarks = gtsam.utilities.extractPoint2(values)
+        poses = np.ascontiguousarray(gtsam.utilities.extractPose2(values))
+        landmarks = np.ascontiguousarray(gtsam.utilities.extractPoint2(values))
+        ranges, residuals = ranges_and_residuals(
+            poses, landmarks, sightings.bearings, sightings.seen
+        )
         if not in_log_range:
-            _check_ranges(problem, sightings, poses, landmarks)
+            _check_ranges(problem, ranges)
         before, steps = steps, _steps(problem, poses)
         linearised = pool.linearised(subject.unlinearised, poses)
         moved = np.abs(steps / before - 1.0).max(initial=0.0)
@@ -222,10 +226,9 @@ def _optimise(
     log_density = linearised.log_density(values)
     if not math.isfinite(log_density + poses.sum() + landmarks.sum()):
         raise UnsolvedError("the optimiser ended at numbers that are not finite")
-    residuals = _residuals(sightings, poses, landmarks)
     _check_sides(problem, residuals, poses)
     if in_log_range:
-        _check_ranges(problem, sightings, poses, landmarks)
+        _check_ranges(problem, ranges)
     return _Optimum(
         linearised.graph, log_density, values, with_volumes, poses, landmarks, residuals
     )
@@ -303,21 +306,6 @@ def _steps(problem: Problem, poses: FloatArray) -> FloatArray:
     return steps
 
 
-def _ranges(sightings: Sightings, poses: FloatArray, landmarks: FloatArray) -> FloatArray:
-    """(n, m) distances of landmarks from the poses that see them, infinite from others."""
-    dx = landmarks[:, :1] - poses[:, 0]
-    dy = landmarks[:, 1:] - poses[:, 1]
-    return np.where(sightings.seen, np.maximum(np.hypot(dx, dy), 1e-9), np.inf)
-
-
-def _residuals(sightings: Sightings, poses: FloatArray, landmarks: FloatArray) -> FloatArray:
-    """(n, m) predicted minus measured bearing, wrapped; 0 where not seen."""
-    dx = landmarks[:, :1] - poses[:, 0]
-    dy = landmarks[:, 1:] - poses[:, 1]
-    error = np.arctan2(dy, dx) - poses[:, 2] - sightings.bearings
-    return np.where(sightings.seen, error - WHOLE_TURN * np.round(error / WHOLE_TURN), 0.0)
-
-
 def _log_likelihood(sightings: Sightings, residuals: FloatArray, dof: float | None) -> float:
     """Sum of the log densities of the residuals: Gaussian, or Student's t."""
     squares = (residuals / sightings.sigmas) ** 2
@@ -348,20 +336,15 @@ def _check_sides(problem: Problem, residuals: FloatArray, poses: FloatArray) -> 
             raise UnsolvedError(f"the robot goes backwards from scan {a} to scan {b}")
 
 
-def _check_ranges(
-    problem: Problem, sightings: Sightings, poses: FloatArray, landmarks: FloatArray
-) -> None:
+def _check_ranges(problem: Problem, ranges: FloatArray) -> None:
     """A landmark on an observation point explains any bearing from there: a trap, not a place.
 
     The density is bounded there and its volume is nothing, but optimisers slide into it as soon
     as headings may deviate.
     """
-    dx = landmarks[:, :1] - poses[:, 0]
-    dy = landmarks[:, 1:] - poses[:, 1]
-    near = (NEAREST_RANGE * problem.baseline) ** 2
-    trapped = (dx * dx + dy * dy < near) & sightings.seen
-    if trapped.any():
-        row, scan = np.argwhere(trapped)[0].tolist()
+    nearest = NEAREST_RANGE * problem.baseline
+    if ranges.min(initial=math.inf) < nearest:
+        row, scan = np.argwhere(ranges < nearest)[0].tolist()
         raise TrappedError(f"landmark {row} ends up on the observation point of scan {scan}")
 
 

@@ -86,13 +86,13 @@ def _triangulated(
                     middle_x, middle_y = middle_x + poses[g, i, 0], middle_y + poses[g, i, 1]
                     count += 1
             x, y = _closest_point(poses[g], rays, weights, prior, ranges)
-            least = _cost(x, y, poses[g], rays, weights, prior)
+            least = _cost(x, y, poses[g], rays, weights, prior, math.inf)
             length = math.hypot(mean_x, mean_y)
             if length > 0.0:
                 for far in far_ranges:
                     far_x = middle_x / count + far * mean_x / length
                     far_y = middle_y / count + far * mean_y / length
-                    cost = _cost(far_x, far_y, poses[g], rays, weights, prior)
+                    cost = _cost(far_x, far_y, poses[g], rays, weights, prior, least)
                     if cost < least:
                         x, y, least = far_x, far_y, cost
             landmarks[g, row, 0], landmarks[g, row, 1] = x, y
@@ -145,8 +145,12 @@ def _cost(
     rays: FloatArray,
     weights: FloatArray,
     prior: tuple[float, float, float],
+    limit: float,
 ) -> float:
-    """Squared residuals of a point, in standard deviations; infinite where it is none."""
+    """Squared residuals of a point, in standard deviations; infinite where it is none.
+
+    Beyond `limit`, which is all that interests, the sum is broken off.
+    """
     total = ((x - prior[0]) ** 2 + (y - prior[1]) ** 2) / prior[2] ** 2
     for i in range(len(rays)):
         if weights[i] == 0.0:
@@ -156,4 +160,6 @@ def _cost(
         beside = (rays[i, 0] * dy - rays[i, 1] * dx) / distance
         short = 1.0 - (rays[i, 0] * dx + rays[i, 1] * dy) / distance
         total += weights[i] * (beside * beside + short * short)
+        if total > limit:
+            break
     return total if total < math.inf else math.inf
