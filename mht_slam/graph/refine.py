@@ -97,7 +97,8 @@ def refine(
     Raises `OptionError` for a run, model, evidence or scale that is none, where no sigma is known,
     or where candidates differ in the numbers of landmarks, misses or false alarms and the model
     does not say what those cost; `AssociationError` for a candidate that is not over the run's
-    scans; `UnobservableError` where nothing but priors could tell the candidates apart.
+    scans; `UnobservableError` where nothing but priors could tell the candidates apart,
+    neither their bearings nor the model of misses and false alarms.
 
     Source: docs/method.md, sections 2 and 4.
 
@@ -118,7 +119,8 @@ def refine(
     one_of(evidence, "evidence", get_args(EvidenceMethod))
     full_model = stated_model(run, scans, sigma, heading_sigma, lateral_sigma, model)
     check_sizes([pair.association for pair in pairs], full_model)
-    require_observable(run, [pair.association for pair in pairs], full_model)
+    if not full_model.compares_sizes:  # else misses and false alarms tell associations apart, too
+        require_observable(run, [pair.association for pair in pairs], full_model)
     problem = make_problem(run, scans, full_model, scale)
     hypotheses = _hypotheses(problem, pairs, evidence, executor, progress)
     return Posterior(

@@ -31,8 +31,8 @@ def best_matchings(
 
     Parameters
     ----------
-    gains : (G, r, d) log gains of a match over no match, for each proposal.
-    offsets : (G,) log score of each proposal without any match.
+    gains : (G, r, d) log gains of a match over no match, for each proposal; not finite: no match.
+    offsets : (G,) log score of each proposal without any match; not finite: no proposal.
     drop : matchings this many nats below the best are left out.
     n_ranked, depth : at so many of the best proposals the best `depth` matchings are found; at the
         others the best one.
@@ -41,7 +41,10 @@ def best_matchings(
     linear assignment (docs/method.md, section 5). A matching found at several proposals counts
     once, where it does best.
     """
-    positive = np.maximum(gains, 0.0)
+    usable = np.isfinite(offsets)
+    gains, offsets = gains[usable], offsets[usable]
+    places = np.flatnonzero(usable)
+    positive = np.where(np.isfinite(gains), np.maximum(gains, 0.0), 0.0)
     ceiling = offsets + positive.max(axis=1, initial=0.0).sum(axis=1)
     found: dict[Matches, Candidate] = {}
     best = -np.inf
@@ -53,13 +56,13 @@ def best_matchings(
         total = float(offsets[g]) + gain
         best = max(best, total)
         tops.append((-total, g))
-        _keep(found, Candidate(matches, g, total))
+        _keep(found, Candidate(matches, int(places[g]), total))
     for _, g in sorted(tops)[:n_ranked]:
         for count, (matches, gain) in enumerate(ranked_matchings(positive[g]), start=1):
             total = float(offsets[g]) + gain
             if count > depth or total < best - drop:
                 break
-            _keep(found, Candidate(matches, g, total))
+            _keep(found, Candidate(matches, int(places[g]), total))
     ordered = sorted(found.values(), key=lambda c: (-c.log_gain, c.matches))
     return [c for c in ordered if c.log_gain >= best - drop]
 

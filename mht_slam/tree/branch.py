@@ -116,6 +116,19 @@ def extend(
 
     Raises `LostError` where the optimiser ends nowhere.
     """
+    try:
+        return _extended(setting, parent, motion, of_landmarks, of_singles)
+    except (ArithmeticError, ValueError) as cause:  # numbers beyond floats, in whatever formula
+        raise LostError(str(cause)) from cause
+
+
+def _extended(
+    setting: Setting,
+    parent: Branch,
+    motion: FloatArray,
+    of_landmarks: Sequence[tuple[int, int]],
+    of_singles: Sequence[tuple[int, int]],
+) -> Branch:
     k = len(parent.poses)
     pose = _moved(parent.poses[-1], motion)
     values = gtsam.Values(parent.values)
@@ -183,6 +196,16 @@ def anew(
     The motion factors of a branch that grew scan by scan were linearised when its scans came;
     here the optimum is sought again until they stand still. Raises `LostError`.
     """
+    try:
+        with np.errstate(all="ignore"):
+            return _anew(setting, table, singles, poses, points)
+    except (ArithmeticError, ValueError) as cause:  # numbers beyond floats, in whatever formula
+        raise LostError(str(cause)) from cause
+
+
+def _anew(
+    setting: Setting, table: IntArray, singles: IntArray, poses: FloatArray, points: FloatArray
+) -> Branch:
     k = table.shape[1]
     problem = setting.problem.part(0, k)
     first = (table != MISSED).argmax(axis=1)
@@ -250,6 +273,8 @@ def solved(
         hessian = with_volumes.linearize(values).hessian()[0]
     except (RuntimeError, ValueError) as cause:
         raise LostError(str(cause).strip().splitlines()[0]) from cause
+    if not np.isfinite(hessian).all():
+        raise LostError("the Hessian is not finite")
     poses = np.array([[p.x(), p.y(), p.theta()] for p in (values.atPose2(X(i)) for i in range(k))])
     points = np.array([values.atPoint2(L(n)) for n in landmarks.tolist()]).reshape(-1, 2)
     bearings = sightlines(poses, points)

@@ -62,7 +62,7 @@ def cluster_log_weights(
         hessian += np.einsum("rki,rkj->rij", prior_jacobian, prior_jacobian)
         hessian += 1e-9 * np.eye(2)
         if step < N_STEPS:
-            move = np.linalg.solve(hessian, gradient[..., None])[..., 0]
+            move = _solved(hessian, gradient)
             longest = np.abs(move).max(axis=1, keepdims=True)
             place = place - move * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-12))
     log_density = _log_bearings(z, dof) - np.log(sightings.sigmas)
@@ -72,6 +72,20 @@ def cluster_log_weights(
     chances = detection_chances(model, sightings.seen, sightlines(poses, x))
     value += log_visibility(sightings.seen, chances, model.stay_probability)
     return np.asarray(value + setting.log_landmarks)
+
+
+def _solved(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
+    """(R, 2) Newton steps; none where the Hessian (R, 2, 2) is singular or beyond floats."""
+    determinant = hessian[:, 0, 0] * hessian[:, 1, 1] - hessian[:, 0, 1] * hessian[:, 1, 0]
+    step = np.stack(
+        [
+            hessian[:, 1, 1] * gradient[:, 0] - hessian[:, 0, 1] * gradient[:, 1],
+            hessian[:, 0, 0] * gradient[:, 1] - hessian[:, 1, 0] * gradient[:, 0],
+        ],
+        axis=1,
+    )
+    move = step / determinant[:, None]
+    return np.where(np.isfinite(move), move, 0.0)
 
 
 def _log_bearings(z: FloatArray, dof: float | None) -> FloatArray:

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
+import numpy as np
+
+from mht_slam.arrays import FloatArray
 from mht_slam.association import Association
 from mht_slam.progress import Progress
-from mht_slam.tree.assign import best_matchings
+from mht_slam.tree.assign import Candidate, best_matchings
 from mht_slam.tree.branch import Branch, LostError, extend, first_branch
 from mht_slam.tree.effort import Effort
 from mht_slam.tree.gains import match_gains
 from mht_slam.tree.proposals import propose
 from mht_slam.tree.setting import Setting
+
+Option: TypeAlias = tuple[float, Branch, Candidate, FloatArray]
+"""A child to be: its expected score, its parent, the matching, and the motion proposed."""
 
 
 def grow(
@@ -39,6 +46,14 @@ def grow(
 def next_scan(setting: Setting, effort: Effort, leaves: Sequence[Branch]) -> list[Branch]:
     """Return the best children of all branches."""
     effort = effort.at(len(leaves[0].poses) + 1)
+    with np.errstate(all="ignore"):  # extreme models overflow; what is not finite is left out
+        options = _options(setting, effort, leaves)
+        children = _solved(setting, effort, options)
+    return pruned(children, effort)
+
+
+def _options(setting: Setting, effort: Effort, leaves: Sequence[Branch]) -> list[Option]:
+    """Children worth solving, the most promising first."""
     options = []
     for branch in leaves:
         proposals = propose(setting.problem, branch.poses)
@@ -55,6 +70,10 @@ def next_scan(setting: Setting, effort: Effort, leaves: Sequence[Branch]) -> lis
             for c in candidates
         ]
     options.sort(key=lambda option: -option[0])
+    return options
+
+
+def _solved(setting: Setting, effort: Effort, options: Sequence[Option]) -> list[Branch]:
     children: list[Branch] = []
     for expected, branch, candidate, motion in options[: effort.solve]:
         if expected < options[0][0] - effort.drop:
@@ -72,7 +91,7 @@ def next_scan(setting: Setting, effort: Effort, leaves: Sequence[Branch]) -> lis
             )
         except LostError:
             continue
-    return pruned(children, effort)
+    return children
 
 
 def pruned(branches: Sequence[Branch], effort: Effort) -> list[Branch]:

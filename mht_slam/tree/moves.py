@@ -101,7 +101,9 @@ def _neighbours(
     setting: Setting, branch: Branch, effort: Effort, known: dict[object, Branch]
 ) -> Iterator[Branch]:
     moves = list(moves_of(setting, branch))
-    gains = _gains(setting, branch, moves)
+    with np.errstate(all="ignore"):  # what is beyond floats is no gain
+        gains = _gains(setting, branch, moves)
+    gains = np.where(np.isfinite(gains), gains, -np.inf)
     for index in np.argsort(-gains, kind="stable")[: effort.moves].tolist():
         if gains[index] < -effort.drop:
             return

@@ -309,7 +309,6 @@ def test_solving_and_comparing_survive(
         survives(ms.compare, solution.ranking, solution.posterior, truth)
 
 
-@pytest.mark.xfail(reason="models of extreme numbers break the search over all scans", strict=False)
 @examples(10)
 @given(run=runs(2, 3, shortest=4, longest=5, one_pair_in=100), model=models, data=st.data())
 def test_solving_all_scans_survives(
