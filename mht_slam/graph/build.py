@@ -36,18 +36,22 @@ class NormalisedGraph:
     Attributes
     ----------
     graph : all factors.
-    log_normaliser : the sum over those that hang on no estimate.
-    linearised : those that were linearised at an estimate.
+    unlinearised : the sum over the factors that hang on no estimate.
+    linearised : the factors that were linearised at an estimate.
     """
 
     graph: gtsam.NonlinearFactorGraph
-    log_normaliser: float
+    unlinearised: float
     linearised: Sequence[gtsam.NonlinearFactor] = ()
+
+    @property
+    def log_normaliser(self) -> float:
+        """Sum of the logs of all normalisers."""
+        return self.unlinearised + sum(map(factors.log_normaliser, self.linearised))
 
     def log_density(self, values: gtsam.Values) -> float:
         """Log of the product of all factors' normalised densities at `values`."""
-        normaliser = self.log_normaliser + sum(map(factors.log_normaliser, self.linearised))
-        return normaliser - float(self.graph.error(values))
+        return self.log_normaliser - float(self.graph.error(values))
 
 
 class FactorPool:
@@ -72,11 +76,11 @@ class FactorPool:
     def unlinearised(self, table: IntArray) -> NormalisedGraph:
         """Return an association's graph without the factors that are linearised at an estimate."""
         graph = gtsam.NonlinearFactorGraph(self._fixed.graph)
-        log_normaliser = self._fixed.log_normaliser
+        log_normaliser = self._fixed.unlinearised
         for number, row in enumerate(table.tolist()):
             of_landmark = self._of_landmark(number, tuple(row))
             graph.push_back(of_landmark.graph)
-            log_normaliser += of_landmark.log_normaliser
+            log_normaliser += of_landmark.unlinearised
         return NormalisedGraph(graph, log_normaliser)
 
     def linearised(self, unlinearised: NormalisedGraph, poses: FloatArray) -> NormalisedGraph:
@@ -85,7 +89,7 @@ class FactorPool:
         linearised = linearised_motion_factors(self.problem, self.keys(0).scans, poses)
         for factor in linearised:
             graph.add(factor)
-        return NormalisedGraph(graph, unlinearised.log_normaliser, linearised)
+        return NormalisedGraph(graph, unlinearised.unlinearised, linearised)
 
     @cached_property
     def _fixed(self) -> NormalisedGraph:

@@ -81,9 +81,8 @@ class Problem:
 
     def free_lengths(self, poses: FloatArray) -> FloatArray:
         """Return the distances of `free_steps` in (m, 3) poses."""
-        before, after = self._ends_of_free_steps
-        steps = poses[after, :2] - poses[before, :2]
-        return np.asarray(np.hypot(steps[:, 0], steps[:, 1]))
+        places = poses[:, :2].tolist()  # too few for array operations to be worth their calls
+        return np.array([math.dist(places[a], places[b]) for a, b in self.free_steps])
 
     @property
     def odometry(self) -> tuple[Odometry, ...]:
@@ -115,11 +114,6 @@ class Problem:
             bearings[k, : len(scan)] = scan.bearings
             sigmas[k, : len(scan)] = sigma
         return bearings, sigmas
-
-    @cached_property
-    def _ends_of_free_steps(self) -> tuple[IntArray, IntArray]:
-        ends = np.array(self.free_steps, dtype=np.int64).reshape(-1, 2)
-        return ends[:, 0], ends[:, 1]
 
 
 @dataclass(frozen=True)

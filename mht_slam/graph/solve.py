@@ -220,10 +220,13 @@ def _optimise(
             _check_ranges(problem, ranges)
         before, steps = steps, _steps(problem, poses)
         linearised = pool.linearised(subject.unlinearised, poses)
-        moved = np.abs(steps / before - 1.0).max(initial=0.0)
-        if moved <= RELINEARISED * max(1.0, linearised.graph.error(values) / HOPELESS_ERROR):
+        error = linearised.graph.error(values)
+        still = RELINEARISED * max(1.0, error / HOPELESS_ERROR)
+        if all(
+            abs(a / b - 1.0) <= still for a, b in zip(steps.tolist(), before.tolist(), strict=True)
+        ):
             break
-    log_density = linearised.log_density(values)
+    log_density = linearised.log_normaliser - error
     if not math.isfinite(log_density + poses.sum() + landmarks.sum()):
         raise UnsolvedError("the optimiser ended at numbers that are not finite")
     _check_sides(problem, residuals, poses)
@@ -300,8 +303,8 @@ def _with_single_sightings(
 def _steps(problem: Problem, poses: FloatArray) -> FloatArray:
     """Distances of the problem's free steps; raises where two poses coincide."""
     steps = problem.free_lengths(poses)
-    least = steps.min(initial=math.inf)
-    if not (math.isfinite(steps.sum()) and least > 1e-9 * problem.baseline):
+    shortest = 1e-9 * problem.baseline
+    if not all(shortest < step < math.inf for step in steps.tolist()):
         raise UnsolvedError("two observation points coincide at the estimate")
     return steps
 

@@ -30,7 +30,8 @@ def standstills(scans: Sequence[BearingScan], sigmas: Sequence[FloatArray]) -> t
 
         ln N(d; 0, 1) - ln N(d; 0, 1 + MOVED^2),
 
-    and the robot stood still where all pairs together say so clearly.
+    and the robot stood still where all pairs together say so clearly. Bearings with two partners
+    within `MOVED` are left out: among many, some partner is near by chance.
     """
     still = []
     anchor = 0
@@ -44,8 +45,13 @@ def standstills(scans: Sequence[BearingScan], sigmas: Sequence[FloatArray]) -> t
 def _same_place(
     one: BearingScan, one_sigmas: FloatArray, other: BearingScan, other_sigmas: FloatArray
 ) -> bool:
+    if not (len(one) and len(other)):
+        return False
     turned = wrap_angle(one.bearings[:, None] - other.bearings)
     squares = turned**2 / (one_sigmas[:, None] ** 2 + other_sigmas**2)
     broad = 1.0 + MOVED**2
     nats = np.maximum(0.5 * np.log(broad) - 0.5 * squares * (1.0 - 1.0 / broad), WORST)
-    return float(nats[linear_sum_assignment(nats, maximize=True)].sum()) >= ENOUGH
+    rows, columns = linear_sum_assignment(nats, maximize=True)
+    near = squares <= MOVED**2
+    alone = (near.sum(axis=1)[rows] <= 1) & (near.sum(axis=0)[columns] <= 1)
+    return float(nats[rows, columns][alone].sum()) >= ENOUGH

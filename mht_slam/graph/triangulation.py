@@ -117,11 +117,11 @@ def _closest_point(
         for i in range(len(rays)):
             if weights[i] == 0.0:
                 continue
-            distance = ranges[0]
+            squared = ranges[0] * ranges[0]
             if attempt > 0:
-                distance = math.sqrt((x - poses[i, 0]) ** 2 + (y - poses[i, 1]) ** 2)
-                distance = min(max(distance, ranges[1]), ranges[2])
-            w = weights[i] / (distance * distance)
+                squared = (x - poses[i, 0]) ** 2 + (y - poses[i, 1]) ** 2
+                squared = min(max(squared, ranges[1] * ranges[1]), ranges[2] * ranges[2])
+            w = weights[i] / squared
             nx, ny = -rays[i, 1], rays[i, 0]
             offset = nx * poses[i, 0] + ny * poses[i, 1]
             axx += w * nx * nx
@@ -156,9 +156,9 @@ def _cost(
         if weights[i] == 0.0:
             continue
         dx, dy = x - poses[i, 0], y - poses[i, 1]
-        distance = math.sqrt(dx * dx + dy * dy)
-        beside = (rays[i, 0] * dy - rays[i, 1] * dx) / distance
-        short = 1.0 - (rays[i, 0] * dx + rays[i, 1] * dy) / distance
+        nearness = 1.0 / math.sqrt(dx * dx + dy * dy)
+        beside = (rays[i, 0] * dy - rays[i, 1] * dx) * nearness
+        short = 1.0 - (rays[i, 0] * dx + rays[i, 1] * dy) * nearness
         total += weights[i] * (beside * beside + short * short)
         if total > limit:
             break
