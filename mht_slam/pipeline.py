@@ -9,7 +9,13 @@ from dataclasses import dataclass, replace
 from mht_slam.arrays import finite_number
 from mht_slam.association import MISSED, Association
 from mht_slam.comparison import Comparison, compare
-from mht_slam.errors import OptionError, TooFewLandmarksError, UnequalScansError
+from mht_slam.errors import (
+    AssociationError,
+    OptionError,
+    TooFewLandmarksError,
+    UnequalScansError,
+    UnobservableError,
+)
 from mht_slam.evidence.candidates import stated_model, with_probabilities
 from mht_slam.graph.problem import make_problem
 from mht_slam.graph.refine import refine
@@ -92,7 +98,8 @@ def solve(
     truth : the true association over the scans that are solved, for the comparison only.
     progress : called as ``progress(done, total)``, of scans in the tree and then of candidates.
 
-    Raises what `mht_slam.rank`, `mht_slam.refine` and `mht_slam.compare` raise. A run of more than
+    Raises what `mht_slam.rank`, `mht_slam.refine` and `mht_slam.compare` raise, and `OptionError`
+    for ``free`` motion over more than three scans. A run of more than
     three scans needs no polygons: where its first three have different numbers of detections, or
     fewer than three, the ranking stays empty.
 
@@ -100,23 +107,37 @@ def solve(
     """
     if not isinstance(run, StraightRun | RunPair):
         raise OptionError(f"run is {type(run).__name__}: give a StraightRun or a RunPair")
-    three = scans or FIRST_THREE
+    three = FIRST_THREE if scans is None else scans
+    if effort is not None and not isinstance(effort, Effort):
+        raise OptionError(f"effort is {type(effort).__name__}: give an Effort")
+    if truth is not None and not isinstance(truth, Association):
+        raise AssociationError(f"truth is {type(truth).__name__}: give an Association")
     longer = isinstance(run, StraightRun) and scans is None and len(run) > len(FIRST_THREE)
     used = three if isinstance(run, StraightRun) and not longer else tuple(range(len(run)))
     full_model = stated_model(run, used, sigma, heading_sigma, lateral_sigma, model)
+    if longer and full_model.motion == "free":
+        raise OptionError(
+            "motion is 'free', under which nothing tells where to look for the next pose: name "
+            "three scans, or give refine candidates over all of them"
+        )
     if isinstance(run, RunPair):
         ranking = rank(run, epsilon=epsilon, top_k=top_k, max_range=max_range)
     else:
         ranking = _ranking(run, three, epsilon, full_model, top_k, max_range, longer)
-    seeds = refine(
-        run,
-        ranking,
-        model=full_model,
-        evidence=evidence,
-        scale=scale,
-        executor=executor,
-        progress=None if longer else progress,
-    )
+    try:
+        seeds = refine(
+            run,
+            ranking,
+            model=full_model,
+            evidence=evidence,
+            scale=scale,
+            executor=executor,
+            progress=None if longer else progress,
+        )
+    except UnobservableError:
+        if not longer:
+            raise
+        seeds = Posterior((), three, full_model)  # all scans together may tell more
     if truth is not None and longer:
         truth = truth.restrict(three)
     comparison = compare(ranking, seeds, truth)

@@ -19,7 +19,12 @@ from mht_slam import (
     refine,
     solve,
 )
-from mht_slam.errors import UnequalScansError
+from mht_slam.errors import (
+    AssociationError,
+    MhtSlamError,
+    OptionError,
+    UnequalScansError,
+)
 from mht_slam.models import Motion
 from mht_slam.simulation import Scene, paper_scene, simulate_pair, simulate_scene
 
@@ -152,7 +157,35 @@ def test_the_same_run_gives_the_same_solution() -> None:
     assert first.posterior == second.posterior
 
 
-@pytest.mark.parametrize("motion", ["straight", "smooth", "free"])
+def test_free_motion_is_solved_over_three_scans_only() -> None:
+    scene = long_scene(4)
+    model = ObservationModel(sigma=SIGMA, motion="free")
+    with pytest.raises(OptionError, match="name three"):
+        solve(scene.run, epsilon=EPSILON, model=model)
+    assert len(solve(scene.run, epsilon=EPSILON, model=model, scans=(0, 1, 2)).posterior)
+
+
+def test_certain_detection_and_no_false_alarms_leave_the_truth() -> None:
+    scene = long_scene(4)
+    model = ObservationModel(
+        sigma=SIGMA, detection_probability=1.0, false_alarm_rate=0.0, expected_landmarks=4.0
+    )
+    posterior = solve(scene.run, epsilon=EPSILON, model=model).posterior
+    assert posterior[0].association == scene.truth
+    assert posterior[0].failure is None
+
+
+def test_wrong_types_are_named() -> None:
+    run = long_scene(4).run
+    with pytest.raises(OptionError, match="effort is int"):
+        solve(run, epsilon=EPSILON, sigma=SIGMA, effort=5)  # type: ignore[arg-type]
+    with pytest.raises(AssociationError, match="truth is list"):
+        solve(run, epsilon=EPSILON, sigma=SIGMA, truth=[[0]])  # type: ignore[arg-type]
+    with pytest.raises(MhtSlamError, match="scans"):
+        solve(run, epsilon=EPSILON, sigma=SIGMA, scans=())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("motion", ["straight", "smooth"])
 def test_every_motion_model_solves_a_straight_run(motion: Motion) -> None:
     scene = long_scene(4)
     model = ObservationModel(sigma=SIGMA, motion=motion, step_change_sigma=1.0)

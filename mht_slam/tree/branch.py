@@ -334,12 +334,34 @@ def single_weights(setting: Setting, poses: FloatArray, singles: IntArray) -> Fl
 def seen_once_weights(setting: Setting, poses: FloatArray, singles: IntArray) -> FloatArray:
     """(s,) log weights of landmarks that only these detections see."""
     model = setting.problem.model
-    bearings = np.array([setting.problem.scans[k].bearings[d] for k, d in singles.tolist()])
-    return np.asarray(
-        setting.log_landmarks
-        + setting.lonely(len(poses))[singles[:, 0]]
-        + log_bearing_density(model, poses[singles[:, 0]], bearings)
-    )
+    scans = singles[:, 0]
+    if model.field_of_view >= 2.0 * math.pi:
+        pattern = setting.lonely(len(poses))[scans]
+    else:
+        seen = scans[:, None] == np.arange(len(poses))
+        chances = chances_along_rays(setting, poses, singles, seen)
+        pattern = log_visibility(seen, chances, model.stay_probability)
+    density = log_bearing_density(model, poses[scans], single_bearings(setting, singles))
+    return np.asarray(setting.log_landmarks + pattern + density)
+
+
+def single_bearings(setting: Setting, singles: IntArray) -> FloatArray:
+    """(s,) bearings of detections given by scan and number."""
+    return np.array([setting.problem.scans[k].bearings[d] for k, d in singles.tolist()])
+
+
+def chances_along_rays(
+    setting: Setting, poses: FloatArray, singles: IntArray, seen: BoolArray
+) -> FloatArray | float:
+    """Detection probabilities of landmarks at one prior sigma on the rays of detections.
+
+    That is where `refine` puts a landmark seen once; the field of view there stands for the ray's.
+    """
+    model = setting.problem.model
+    own = poses[singles[:, 0]]
+    angle = own[:, 2] + single_bearings(setting, singles)
+    places = own[:, :2] + model.landmark_sigma * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return detection_chances(model, seen, sightlines(poses, places))
 
 
 def newest_motion_factors(problem: Problem, poses: FloatArray) -> list[gtsam.NonlinearFactor]:

@@ -16,7 +16,7 @@ from mht_slam.evidence.visibility import (
     sightlines,
 )
 from mht_slam.measurements import wrap_angle
-from mht_slam.tree.branch import Branch, single_weights
+from mht_slam.tree.branch import Branch, chances_along_rays, single_weights
 from mht_slam.tree.proposals import Proposals
 from mht_slam.tree.setting import Setting
 
@@ -34,11 +34,11 @@ class Gains:
     Attributes
     ----------
     table : (G, n + s, d) for each proposal: landmarks first, then earlier single detections.
-    alone : log score, up to what all children share, of the child that matches nothing.
+    alone : (G,) what the pattern of detections adds to the branch's score if nothing matches.
     """
 
     table: FloatArray
-    alone: float
+    alone: FloatArray
 
 
 def match_gains(setting: Setting, branch: Branch, proposals: Proposals) -> Gains:
@@ -90,15 +90,19 @@ def match_gains(setting: Setting, branch: Branch, proposals: Proposals) -> Gains
         ]
         without = np.where(visible, missed[0], missed[1])
         table[:, :n] = density + (with_it - without)[:, :, None]
-        missed_now = without
+        missed_now = without - log_visibility(seen, chances, model.stay_probability)
     else:
         missed_now = np.zeros((len(proposals.motions), 0))
 
+    aged = 0.0
     if s:
         table[:, n:] = _pair_gains(setting, branch, proposals)
+        longer = np.concatenate([branch.poses, branch.poses[-1:]])
+        before, after = (single_weights(setting, p, branch.singles) for p in (branch.poses, longer))
+        aged = float((after - before).sum())
     table -= new_alone[None, None, :]
     table += _label_gains(setting, branch)
-    return Gains(table, missed_now.sum(axis=1))
+    return Gains(table, missed_now.sum(axis=1) + aged + float(new_alone.sum()))
 
 
 def _label_gains(setting: Setting, branch: Branch) -> FloatArray:
@@ -172,12 +176,13 @@ def _pair_gains(setting: Setting, branch: Branch, proposals: Proposals) -> Float
     pattern = np.zeros((s, k + 1), np.bool_)
     pattern[np.arange(s), scans] = True
     pattern[:, k] = True
+    longer = np.concatenate([branch.poses, branch.poses[-1:]])
+    chances = chances_along_rays(setting, longer, branch.singles, pattern)
     together = (
         setting.log_landmarks
-        + log_visibility(pattern, setting.detection_probability, model.stay_probability)
+        + log_visibility(pattern, chances, model.stay_probability)
         + log_bearing_density(model, poses, bearings)
     )
-    longer = np.concatenate([branch.poses, branch.poses[-1:]])
     alone = single_weights(setting, longer, branch.singles)
     return np.asarray(mixed + (together - alone)[None, :, None])
 

@@ -100,7 +100,7 @@ def moves_of(setting: Setting, branch: Branch) -> Iterator[Move]:
 def _neighbours(
     setting: Setting, branch: Branch, effort: Effort, known: dict[object, Branch]
 ) -> Iterator[Branch]:
-    moves = list(moves_of(setting, branch))
+    moves = [move for move in moves_of(setting, branch) if _keeps_labels(setting, branch, move)]
     with np.errstate(all="ignore"):  # what is beyond floats is no gain
         gains = _gains(setting, branch, moves)
     gains = np.where(np.isfinite(gains), gains, -np.inf)
@@ -110,6 +110,26 @@ def _neighbours(
         neighbour = _moved(setting, branch, moves[index])
         if neighbour is not None and _key(neighbour) not in known:
             yield neighbour
+
+
+def _keeps_labels(setting: Setting, branch: Branch, move: Move) -> bool:
+    """Whether equal labels stay one landmark and different ones two."""
+    scans = setting.problem.scans[: len(branch.poses)]
+    if not setting.problem.labelled:
+        return True
+    rows = [row for i, row in enumerate(map(tuple, branch.table.tolist())) if i not in move.gone]
+    rows += [row for row in move.new if _sightings(row) >= 2]
+    group = {(s, d): i for i, row in enumerate(rows) for s, d in enumerate(row) if d != MISSED}
+    home: dict[str, object] = {}
+    name: dict[object, str] = {}
+    for s, scan in enumerate(scans):
+        for d, label in enumerate(scan.labels or ()):
+            own = group.get((s, d), (s, d))
+            if label is not None and (
+                home.setdefault(label, own) != own or name.setdefault(own, label) != label
+            ):
+                return False
+    return True
 
 
 def _gains(setting: Setting, branch: Branch, moves: Sequence[Move]) -> FloatArray:

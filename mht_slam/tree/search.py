@@ -22,6 +22,8 @@ from mht_slam.tree.setting import Setting
 
 RARE = 1e-9
 """Chance of a miss, and rate of false alarms, where the model says nothing and none may be."""
+RAREST = 1e-12
+"""What the search takes them for where the model says that there are none."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +77,19 @@ def search_all_scans(
 
 
 def _comparing_sizes(model: ObservationModel, problem: Problem) -> ObservationModel:
-    """Return the model, with misses and false alarms all but ruled out where it leaves them out."""
+    """Return the model with every chance of misses and false alarms above zero.
+
+    Where it leaves one of the three numbers out, misses and false alarms are all but ruled out;
+    where it rules them out itself, what they would cost stays finite, and the stated model judges
+    in the end.
+    """
     if model.compares_sizes:
-        return model
+        chance, rate = model.detection_probability, model.false_alarm_rate
+        return replace(
+            model,
+            detection_probability=min(chance or 0.0, 1.0 - RAREST),
+            false_alarm_rate=max(rate or 0.0, RAREST),
+        )
     return replace(
         model,
         detection_probability=1.0 - RARE,
@@ -117,14 +129,16 @@ def _finalist(setting: Setting, branch: Branch) -> Finalist:
     false = setting.log_false_alarm
     for (scan, detection), once in zip(branch.singles.tolist(), weights, strict=True):
         labels = setting.problem.scans[scan].labels
-        if once >= false or (labels is not None and labels[detection] is not None):
+        known = labels is not None and labels[detection] is not None
+        if once >= false or known:
             pose = branch.poses[scan]
             row = [MISSED] * k
             row[scan] = detection
             angle = pose[2] + setting.problem.scans[scan].bearings[detection]
             ray = np.array([math.cos(angle), math.sin(angle)])
             rows[tuple(row)] = pose[:2] + model.landmark_sigma * ray
-        log_other_readings += math.log1p(math.exp(-abs(once - false)))
+        if not known:  # a known landmark is no false alarm
+            log_other_readings += math.log1p(math.exp(-abs(once - false)))
     association = Association(
         np.array(list(rows), dtype=np.int64).reshape(-1, k),
         [len(scan) for scan in setting.problem.scans],
