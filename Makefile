@@ -12,7 +12,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test fuzz lint format types docs wheel-check bench-calibration bench-ranking bench-three-scans lock clean
+.PHONY: help venv demo test fuzz lint format types docs wheel-check bench-calibration bench-ranking bench-three-scans bench-throughput lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -68,6 +68,9 @@ bench-ranking: $(STAMP) ## exact ranking against exhaustive: half an hour, goes 
 
 bench-three-scans: $(STAMP) ## associations of three scans on real segments (needs the recordings)
 	$(BIN)/python benchmarks/recordings/three_scans.py
+
+bench-throughput: $(STAMP) ## hypotheses refined per second, against the bare optimiser: five minutes
+	$(BIN)/python benchmarks/throughput/refinement.py --processes $(JOBS)
 
 lock: $(STAMP) ## resolve requirements.lock anew
 	$(PIP) install --quiet uv

@@ -76,6 +76,8 @@ def log_density_outside(problem: Problem, poses: FloatArray) -> float:
     it, gives another -ln s. The second run of a `RunPair` and the steps of ``free`` motion point
     anywhere: -ln 2 pi; so do the headings of ``free`` motion.
     """
+    if problem.model.motion in ("straight", "odometry") and problem.second_run is None:
+        return 0.0
     log_two_pi = math.log(2.0 * math.pi)
     log_lengths = np.log(problem.free_lengths(poses))
     if problem.second_run is not None:

@@ -371,5 +371,5 @@ def _split_covariance(covariance: FloatArray, poses: FloatArray) -> tuple[FloatA
 def _diagonal_blocks(matrix: FloatArray, size: int) -> FloatArray:
     """(k, size, size) blocks on the diagonal of a (k size, k size) matrix."""
     count = len(matrix) // size
-    blocks = matrix.reshape(count, size, count, size)
-    return np.ascontiguousarray(blocks[np.arange(count), :, np.arange(count), :])
+    blocks = matrix.reshape(count, size, count, size).diagonal(axis1=0, axis2=2)
+    return np.ascontiguousarray(blocks.transpose(2, 0, 1))

@@ -12,9 +12,25 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation, Text
 
-from mht_slam import Association, BearingScan, Comparison, StraightRun, compare, rank, refine
+from mht_slam import (
+    Association,
+    BearingScan,
+    Comparison,
+    Hypothesis,
+    StraightRun,
+    compare,
+    rank,
+    refine,
+)
 from mht_slam.comparison import ComparisonRow
-from mht_slam.plotting import TrueLayout, cells_figure, comparison_figure, landmark_map_figure
+from mht_slam.errors import NoEstimateError
+from mht_slam.plotting import (
+    TrueLayout,
+    cells_figure,
+    comparison_figure,
+    landmark_map_figure,
+    run_map_figure,
+)
 from mht_slam.plotting.labels import place_labels
 from mht_slam.simulation import Scene, simulate_pair, simulate_scene
 
@@ -152,3 +168,26 @@ def test_labels_of_crowded_points_keep_apart() -> None:
     points = np.array([[0.5, 0.5], [0.51, 0.5], [0.5, 0.51], [0.52, 0.52], [0.02, 0.98]])
     place_labels(axes, points, [f"landmark {k}" for k in range(5)])
     assert_legible(figure)
+
+
+def test_the_map_of_a_run_shows_landmarks_with_a_range_and_counts_those_outside() -> None:
+    scene = simulate_scene("annulus", 4, np.random.default_rng(2), epsilon=EPSILON, n_scans=5)
+    hypothesis = refine(scene.run, [scene.truth], sigma=EPSILON / 2.0, evidence="laplace")[0]
+    figure = run_map_figure(hypothesis)
+    assert_legible(figure)
+    (axes,) = figure.axes
+    assert "5 scans, 4 landmarks" in axes.get_title()
+    assert len(axes.patches) == 4, "one ellipse each"
+    table = scene.truth.table.copy()
+    table[0, 1:] = -1
+    seen_once = refine(
+        scene.run, [Association(table, scene.truth.n_detections)], sigma=EPSILON / 2.0
+    )[0]
+    assert len(run_map_figure(seen_once).axes[0].patches) == 3, "its range is the prior's"
+
+
+def test_a_hypothesis_without_an_estimate_has_no_map() -> None:
+    scene = simulate_scene("annulus", 3, np.random.default_rng(2), epsilon=EPSILON)
+    failed = Hypothesis(scene.truth, None, -math.inf, -math.inf, 0.0, failure="none")
+    with pytest.raises(NoEstimateError, match="no estimate"):
+        run_map_figure(failed)
