@@ -224,6 +224,8 @@ def draw(rows: Sequence[Row]) -> Figure:
         _panel(above, of_set, _f1, "F1 over pairs, pooled")
         _panel(below, of_set, _exact, "exact associations")
         above.set_title(set_name)
+    handles, labels = panels[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=8)
     figure.suptitle("All scans of a run: 95 % intervals")
     return figure
 
@@ -255,4 +257,3 @@ def _panel(axes: Axes, rows: Sequence[Row], figure_of: object, label: str) -> No
     axes.set_yticks(range(len(methods)), methods[::-1], fontsize=8)
     axes.set_xlabel(label)
     axes.grid(alpha=0.25, axis="x")
-    axes.legend(fontsize=7, loc="lower left")
