@@ -42,7 +42,7 @@ class ModelOptions:
     step_change_sigma: float | None = None
     """Standard deviation of ln(next step / step) (motion smooth); .2."""
     stops: bool | None = None
-    """Whether the robot may stand still for some scans (motion smooth or free); no."""
+    """Whether the robot may stand still for some scans (motion smooth); no."""
     landmark_sigma: float | None = None
     """Standard deviation of the landmark prior per axis, first baselines; 30. It moves
     probabilities more than anything else."""

@@ -65,6 +65,7 @@ class FactorPool:
         self.problem = problem
         self._keys: dict[int, GraphKeys] = {}
         self._rows: dict[tuple[int, tuple[int, ...]], NormalisedGraph] = {}
+        self._priors: dict[int, tuple[gtsam.NonlinearFactor, float]] = {}
         self._bearings: dict[tuple[int, int, int], tuple[gtsam.NonlinearFactor, float]] = {}
 
     def keys(self, n_landmarks: int) -> GraphKeys:
@@ -104,22 +105,29 @@ class FactorPool:
         """The prior and the bearings of one landmark."""
         key = number, row
         if key not in self._rows:
-            model = self.problem.model
             graph = gtsam.NonlinearFactorGraph()
-            prior = factors.landmark_prior(L(number), model.landmark_centre, model.landmark_sigma)
+            prior, log_normaliser = self.prior(number)
             graph.add(prior)
-            log_normaliser = factors.log_normaliser(prior)
             for scan, detection in enumerate(row):
                 if detection != MISSED:
-                    bearing, normaliser = self._bearing(number, scan, detection)
+                    bearing, normaliser = self.bearing(number, scan, detection)
                     graph.add(bearing)
                     log_normaliser += normaliser
             self._rows[key] = NormalisedGraph(graph, log_normaliser)
         return self._rows[key]
 
-    def _bearing(
+    def prior(self, number: int) -> tuple[gtsam.NonlinearFactor, float]:
+        """Return the prior of a landmark, and its log normaliser."""
+        if number not in self._priors:
+            model = self.problem.model
+            factor = factors.landmark_prior(L(number), model.landmark_centre, model.landmark_sigma)
+            self._priors[number] = factor, factors.log_normaliser(factor)
+        return self._priors[number]
+
+    def bearing(
         self, number: int, scan: int, detection: int
     ) -> tuple[gtsam.NonlinearFactor, float]:
+        """Return the factor of a detection of a landmark, and its log normaliser."""
         key = number, scan, detection
         if key not in self._bearings:
             factor = factors.bearing(

@@ -12,6 +12,7 @@ import numpy as np
 
 from mht_slam.arrays import BoolArray, FloatArray, IntArray
 from mht_slam.association import MISSED
+from mht_slam.evidence.bearing_noise import log_bearing_noise
 from mht_slam.evidence.importance import Integral
 from mht_slam.evidence.landmark_integral import log_landmark_integral
 from mht_slam.graph.build import FactorPool, NormalisedGraph, make_values
@@ -312,15 +313,8 @@ def _steps(problem: Problem, poses: FloatArray) -> FloatArray:
 def _log_likelihood(sightings: Sightings, residuals: FloatArray, dof: float | None) -> float:
     """Sum of the log densities of the residuals: Gaussian, or Student's t."""
     squares = (residuals / sightings.sigmas) ** 2
-    log_sigmas = float(np.log(sightings.sigmas).sum())  # 1 where not seen
-    count = int(np.count_nonzero(sightings.seen))
-    if dof is None:
-        height = -0.5 * math.log(2.0 * math.pi)
-        return count * height - log_sigmas - 0.5 * float(squares.sum())
-    height = math.lgamma(0.5 * (dof + 1.0)) - math.lgamma(0.5 * dof)
-    height -= 0.5 * math.log(dof * math.pi)
-    tails = 0.5 * (dof + 1.0) * float(np.log1p(squares / dof).sum())
-    return count * height - log_sigmas - tails
+    terms = log_bearing_noise(squares, dof) - np.log(sightings.sigmas)
+    return float(terms[sightings.seen].sum())
 
 
 def _check_sides(problem: Problem, residuals: FloatArray, poses: FloatArray) -> None:

@@ -22,11 +22,10 @@ from mht_slam.evidence.visibility import (
 from mht_slam.graph.log_range import optimise_in_log_range
 from mht_slam.graph.motion import log_density_outside, motion_factors
 from mht_slam.graph.problem import Problem
+from mht_slam.graph.residuals import ranges_and_residuals
+from mht_slam.graph.solve import NEAREST_RANGE
 from mht_slam.measurements import wrap_angle
 from mht_slam.tree.setting import Setting
-
-NEAREST_RANGE = 0.01
-"""Range, in baselines, below which a landmark counts as lying on an observation point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +145,7 @@ def _extended(
     new: list[tuple[gtsam.NonlinearFactor, float]] = []
     for row, detection in of_landmarks:
         columns[row] = detection
-        new.append(setting.sighting(k, detection, landmarks[row]))
+        new.append(setting.pool.bearing(landmarks[row], k, detection))
     paired = set()
     for index, detection in of_singles:
         scan, other = parent.singles[index].tolist()
@@ -157,9 +156,9 @@ def _extended(
         paired.add(index)
         point = triangulated(setting, poses, (scan, other), (k, detection))
         values.insert(L(number), point)
-        new.append(setting.prior(number))
-        new.append(setting.sighting(scan, other, number))
-        new.append(setting.sighting(k, detection, number))
+        new.append(setting.pool.prior(number))
+        new.append(setting.pool.bearing(number, scan, other))
+        new.append(setting.pool.bearing(number, k, detection))
     for factor, normaliser in new:
         graph.push_back(factor)
         log_normaliser += normaliser
@@ -218,8 +217,8 @@ def _anew(
     measured = gtsam.NonlinearFactorGraph()
     measured_normaliser = 0.0
     for row, number in zip(table.tolist(), numbers.tolist(), strict=True):
-        parts = [setting.prior(number)]
-        parts += [setting.sighting(i, d, number) for i, d in enumerate(row) if d != MISSED]
+        parts = [setting.pool.prior(number)]
+        parts += [setting.pool.bearing(number, i, d) for i, d in enumerate(row) if d != MISSED]
         for factor, normaliser in parts:
             measured.push_back(factor)
             measured_normaliser += normaliser
@@ -278,7 +277,7 @@ def solved(
     poses = np.array([[p.x(), p.y(), p.theta()] for p in (values.atPose2(X(i)) for i in range(k))])
     points = np.array([values.atPoint2(L(n)) for n in landmarks.tolist()]).reshape(-1, 2)
     bearings = sightlines(poses, points)
-    _check(problem, table, poses, points, bearings)
+    _check(problem, table, poses, points)
     try:
         root = np.linalg.cholesky(hessian)
     except np.linalg.LinAlgError as cause:
@@ -397,17 +396,14 @@ def triangulated(
     return np.asarray(places[1] + distance * rays[1])
 
 
-def _check(
-    problem: Problem, table: IntArray, poses: FloatArray, points: FloatArray, bearings: FloatArray
-) -> None:
-    sightings = problem.sightings(table)
+def _check(problem: Problem, table: IntArray, poses: FloatArray, points: FloatArray) -> None:
     if not (np.isfinite(poses).all() and np.isfinite(points).all()):
         raise LostError("the optimiser ended at numbers that are not finite")
-    off = np.abs(wrap_angle(bearings - sightings.bearings))
-    if (sightings.seen & (off > 0.5 * math.pi)).any():
+    sightings = problem.sightings(table)
+    ranges, residuals = ranges_and_residuals(poses, points, sightings.bearings, sightings.seen)
+    if (np.abs(residuals) > 0.5 * math.pi).any():
         raise LostError("a landmark ends up on the far side of its bearing")
-    ranges = np.linalg.norm(points[:, None] - poses[None, :, :2], axis=-1)
-    if (sightings.seen & (ranges < NEAREST_RANGE * problem.baseline)).any():
+    if (ranges < NEAREST_RANGE * problem.baseline).any():
         raise LostError("a landmark ends up on an observation point")
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.association import MISSED
+from mht_slam.evidence.bearing_noise import log_bearing_noise
 from mht_slam.evidence.visibility import detection_chances, log_visibility, sightlines
 from mht_slam.measurements import wrap_angle
 from mht_slam.tree.setting import Setting
@@ -62,10 +63,10 @@ def cluster_log_weights(
         hessian += np.einsum("rki,rkj->rij", prior_jacobian, prior_jacobian)
         hessian += 1e-9 * np.eye(2)
         if step < N_STEPS:
-            move = _solved(hessian, gradient)
+            move = _newton_steps(hessian, gradient)
             longest = np.abs(move).max(axis=1, keepdims=True)
             place = place - move * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-12))
-    log_density = _log_bearings(z, dof) - np.log(sightings.sigmas)
+    log_density = log_bearing_noise(z**2, dof) - np.log(sightings.sigmas)
     value = np.where(sightings.seen, log_density, 0.0).sum(axis=1)
     value += 2.0 * place[:, 1] - 0.5 * (prior**2).sum(1)
     value -= 2.0 * math.log(model.landmark_sigma) + 0.5 * np.linalg.slogdet(hessian)[1]
@@ -74,7 +75,7 @@ def cluster_log_weights(
     return np.asarray(value + setting.log_landmarks)
 
 
-def _solved(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
+def _newton_steps(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     """(R, 2) Newton steps; none where the Hessian (R, 2, 2) is singular or beyond floats."""
     determinant = hessian[:, 0, 0] * hessian[:, 1, 1] - hessian[:, 0, 1] * hessian[:, 1, 0]
     step = np.stack(
@@ -86,12 +87,3 @@ def _solved(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     )
     move = step / determinant[:, None]
     return np.where(np.isfinite(move), move, 0.0)
-
-
-def _log_bearings(z: FloatArray, dof: float | None) -> FloatArray:
-    """Log densities of bearings in standard deviations."""
-    if dof is None:
-        return -0.5 * z**2 - 0.5 * math.log(2.0 * math.pi)
-    constant = math.lgamma(0.5 * (dof + 1.0)) - math.lgamma(0.5 * dof)
-    constant -= 0.5 * math.log(dof * math.pi)
-    return np.asarray(constant - 0.5 * (dof + 1.0) * np.log1p(z**2 / dof))

@@ -9,6 +9,7 @@ import numpy as np
 
 from mht_slam.arrays import FloatArray
 from mht_slam.association import MISSED
+from mht_slam.evidence.bearing_noise import log_bearing_noise
 from mht_slam.evidence.visibility import (
     detection_chances,
     log_bearing_density,
@@ -16,7 +17,12 @@ from mht_slam.evidence.visibility import (
     sightlines,
 )
 from mht_slam.measurements import wrap_angle
-from mht_slam.tree.branch import Branch, chances_along_rays, single_weights
+from mht_slam.tree.branch import (
+    Branch,
+    chances_along_rays,
+    single_bearings,
+    single_weights,
+)
 from mht_slam.tree.proposals import Proposals
 from mht_slam.tree.setting import Setting
 
@@ -141,7 +147,7 @@ def _pair_gains(setting: Setting, branch: Branch, proposals: Proposals) -> Float
     model = setting.problem.model
     scans = branch.singles[:, 0]
     poses = branch.poses[scans]
-    bearings = np.array([setting.problem.scans[a].bearings[b] for a, b in branch.singles.tolist()])
+    bearings = single_bearings(setting, branch.singles)
     sigmas = np.array([setting.problem.sigmas[a][b] for a, b in branch.singles.tolist()])
     ranges = np.geomspace(NEAREST * setting.problem.baseline, 3.0 * model.landmark_sigma, N_RANGES)
     angle = poses[:, 2] + bearings
@@ -156,10 +162,7 @@ def _pair_gains(setting: Setting, branch: Branch, proposals: Proposals) -> Float
     seen_at, slopes, distance = _seen_from(proposals.motions, relative)  # (G, s q)
     # A bearing that is off by sigma moves the place sideways by its range times sigma; between
     # two ranges of the row lies half their spacing.
-    origin = relative - (ranges * np.ones((s, 1))).reshape(-1, 1) * _directions(
-        branch.poses[-1], rays, q
-    )
-    along = relative - origin
+    along = np.tile(ranges, s)[:, None] * _directions(branch.poses[-1], rays, q)
     across = np.stack([-along[:, 1], along[:, 0]], axis=-1) * np.repeat(sigmas, q)[:, None]
     step = 0.5 * math.log(ranges[1] / ranges[0])
     variance = (
@@ -247,9 +250,4 @@ def _log_density(
     """(..., d) log density of the measured bearings (d,) about the expected ones (...)."""
     total = variance[..., None] + sigma**2
     squared = wrap_angle(measured - expected[..., None]) ** 2 / total
-    if dof is None:
-        return np.asarray(-0.5 * (squared + np.log(2.0 * math.pi * total)))
-    constant = math.lgamma(0.5 * (dof + 1.0)) - math.lgamma(0.5 * dof)
-    constant -= 0.5 * math.log(dof * math.pi)
-    tail = 0.5 * (dof + 1.0) * np.log1p(squared / dof)
-    return np.asarray(constant - tail - 0.5 * np.log(total))
+    return log_bearing_noise(squared, dof) - 0.5 * np.log(total)

@@ -8,7 +8,6 @@ from typing import TypeAlias
 import numpy as np
 
 from mht_slam.arrays import FloatArray
-from mht_slam.association import Association
 from mht_slam.progress import Progress
 from mht_slam.tree.assign import Candidate, best_matchings
 from mht_slam.tree.branch import Branch, LostError, extend, first_branch
@@ -98,8 +97,3 @@ def pruned(branches: Sequence[Branch], effort: Effort) -> list[Branch]:
     """Return the best branches, best first."""
     ordered = sorted(branches, key=lambda b: (-b.log_score, b.table.tolist()))
     return [b for b in ordered[: effort.keep] if b.log_score >= ordered[0].log_score - effort.drop]
-
-
-def association_of(setting: Setting, branch: Branch) -> Association:
-    """Return a branch's association: what is in no row counts as false alarms."""
-    return Association(branch.table, [len(s) for s in setting.problem.scans[: len(branch.poses)]])

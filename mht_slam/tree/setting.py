@@ -6,13 +6,11 @@ import math
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import L, X
 
-from mht_slam import factors
 from mht_slam.arrays import FloatArray, finite_number
 from mht_slam.evidence.visibility import log_visibility
+from mht_slam.graph.build import FactorPool
 from mht_slam.graph.problem import Problem
 
 
@@ -26,8 +24,12 @@ class Setting:
     """
 
     problem: Problem
-    _pool: dict[tuple[int, ...], tuple[gtsam.NonlinearFactor, float]] = field(default_factory=dict)
     _lonely: dict[int, FloatArray] = field(default_factory=dict)
+
+    @cached_property
+    def pool(self) -> FactorPool:
+        """Factors by landmark, scan and detection."""
+        return FactorPool(self.problem)
 
     @property
     def detection_probability(self) -> float:
@@ -55,33 +57,6 @@ class Setting:
     def number(self, scan: int, detection: int) -> int:
         """Return the number of a detection, counted over all scans."""
         return self.offsets[scan] + detection
-
-    def sighting(
-        self, scan: int, detection: int, landmark: int
-    ) -> tuple[gtsam.NonlinearFactor, float]:
-        """Return the bearing factor of a detection of a landmark, and its log normaliser."""
-        key = (scan, detection, landmark)
-        if key not in self._pool:
-            factor = factors.bearing(
-                X(scan),
-                L(landmark),
-                float(self.problem.scans[scan].bearings[detection]),
-                float(self.problem.sigmas[scan][detection]),
-                self.problem.model.bearing_dof,
-            )
-            self._pool[key] = factor, factors.log_normaliser(factor)
-        return self._pool[key]
-
-    def prior(self, landmark: int) -> tuple[gtsam.NonlinearFactor, float]:
-        """Return the prior of a landmark, and its log normaliser."""
-        key = (landmark,)
-        if key not in self._pool:
-            model = self.problem.model
-            factor = factors.landmark_prior(
-                L(landmark), model.landmark_centre, model.landmark_sigma
-            )
-            self._pool[key] = factor, factors.log_normaliser(factor)
-        return self._pool[key]
 
     def lonely(self, n_scans: int) -> FloatArray:
         """Return (n_scans,) log chances of a detection in one scan and none in the others."""

@@ -59,6 +59,22 @@ def test_scans_without_detections_make_no_standstill() -> None:
     assert standstills([ms.BearingScan([])] * 3, [np.empty(0)] * 3) == (False, False)
 
 
+@pytest.mark.parametrize("n", [10, 15, 30])
+def test_many_bearings_make_no_standstill_by_chance(n: int) -> None:
+    """Among many, each has a near one from another place."""
+    rng = np.random.default_rng(n)
+    sigma = math.radians(2.0)
+    found = 0
+    for _ in range(60):
+        landmarks = rng.normal(0.0, 5.0, (n, 2))
+        scans = []
+        for x in (0.0, 1.0):
+            exact = np.arctan2(landmarks[:, 1], landmarks[:, 0] - x)
+            scans.append(ms.BearingScan(exact + sigma * rng.standard_normal(n)))
+        found += standstills(scans, [np.full(n, sigma)] * 2)[0]
+    assert found <= 3
+
+
 def test_the_second_place_is_where_the_first_step_leads() -> None:
     run = ms.StraightRun(scans_at([0.0, 0.0, 0.5, 1.0, 1.0, 1.5], np.random.default_rng(0)))
     problem = make_problem(run, tuple(range(6)), MODEL)
