@@ -268,7 +268,7 @@ def scored_row(
     """Hold an answer, or the lack of one, against the truth."""
     truth, run = labelled.truth, labelled.run
     nothing = ms.Association([], run.n_detections)
-    counts = pair_counts(nothing if answer is None else answer, truth)
+    said = nothing if answer is None else answer
     why = explanation or Explanation(proposed=False, truth_rank=None)
     return Row(
         set_name=set_name,
@@ -279,7 +279,8 @@ def scored_row(
         order_changes=order_changes(run, truth),
         exact=answer is not None and answer.exact(truth),
         forgiven=answer is not None and exact_up_to_exchanges(answer, truth, run, FORGIVEN_WITHIN),
-        counts=counts,
+        counts=pair_counts(said, truth),
+        counts_labelled=pair_counts(said, truth, count_false=False),
         top_probability=top_probability,
         proposed=None if explanation is None else why.proposed,
         truth_rank=why.truth_rank,
@@ -291,7 +292,7 @@ def scored_row(
 
 
 def write_table(path: Path, entries: Sequence[dict[str, Any]]) -> None:
-    """Write one line for each entry; counts become three columns."""
+    """Write one line for each entry; counts become three columns each."""
     flat = [_flat(entry) for entry in entries]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(flat[0]))
@@ -300,9 +301,14 @@ def write_table(path: Path, entries: Sequence[dict[str, Any]]) -> None:
 
 
 def _flat(entry: dict[str, Any]) -> dict[str, Any]:
-    rest = dict(entry)
-    counts = rest.pop("counts", None)
-    return rest if counts is None else {**rest, **PairCounts(*counts)._asdict()}
+    flat: dict[str, Any] = {}
+    for name, value in entry.items():
+        if isinstance(value, tuple):
+            ending = name.removeprefix("counts")
+            flat |= {f"{key}{ending}": v for key, v in PairCounts(*value)._asdict().items()}
+        else:
+            flat[name] = value
+    return flat
 
 
 def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:

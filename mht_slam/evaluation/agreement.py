@@ -33,13 +33,25 @@ class PairCounts(NamedTuple):
         return 2.0 * self.common / total if total else 1.0
 
 
-def pair_counts(answer: Association, truth: Association) -> PairCounts:
+def pair_counts(answer: Association, truth: Association, *, count_false: bool = True) -> PairCounts:
     """Count the same-landmark pairs of detections of an answer and of the truth.
+
+    Without `count_false`, pairs of two detections that the truth calls false alarms are left out:
+    an unlabelled feature that stands still is seen again like a landmark, and pairing its
+    detections is no mistake of the answer. A false alarm paired with a landmark always counts.
 
     Raises `AssociationError` for associations of other detections.
     """
     answered, true = _pairs(answer.table), _pairs(truth.table)
-    return PairCounts(round(answer.precision(truth) * answered), answered, true)
+    common = round(answer.precision(truth) * answered)
+    if not count_false:
+        false = [rows == MISSED for rows in truth.landmark_of_detection()]
+        padded = np.zeros((len(false), 1 + max(map(len, false), default=0)), dtype=bool)
+        for scan, flags in enumerate(false):
+            padded[scan, : len(flags)] = flags
+        among = padded[np.arange(len(false)), answer.table] & (answer.table != MISSED)
+        answered -= _pairs(np.where(among, 0, MISSED))
+    return PairCounts(common, answered, true)
 
 
 def pooled(counts: Iterable[PairCounts]) -> PairCounts:

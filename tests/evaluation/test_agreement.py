@@ -53,6 +53,16 @@ def test_pairs_are_counted_as_sets(answer: list[list[int]], truth: list[list[int
     assert counts.f1 == pytest.approx(association(answer).f1(association(truth)))
 
 
+@given(LABELS, LABELS)
+def test_pairs_of_two_false_alarms_may_be_left_out(
+    answer: list[list[int]], truth: list[list[int]]
+) -> None:
+    false = set(association(truth).false_alarms)
+    left = {pair for pair in pairs(answer) if not pair <= false}
+    counts = pair_counts(association(answer), association(truth), count_false=False)
+    assert counts == (len(left & pairs(truth)), len(left), len(pairs(truth)))
+
+
 def test_pooling_weighs_pairs_and_not_runs() -> None:
     counts = pooled([PairCounts(1, 1, 1), PairCounts(0, 5, 3)])
     assert counts == (1, 6, 4)
