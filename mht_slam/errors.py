@@ -47,3 +47,15 @@ class RecordingError(MhtSlamError, ValueError):
 
 class RecordingNotFoundError(MhtSlamError, FileNotFoundError):
     """A recording that is not where it was looked for."""
+
+
+class ImageError(MhtSlamError, ValueError):
+    """A picture that is none, has another shape than needed, or shows no landmark."""
+
+
+class ImageNotFoundError(MhtSlamError, FileNotFoundError):
+    """A picture that is not where it was looked for."""
+
+
+class MissingExtraError(MhtSlamError, ImportError):
+    """A part of the package whose optional dependencies are not installed."""

@@ -14,7 +14,7 @@ REPOSITORY = Path(__file__).parents[1]
 
 VALUES = ["errors", "arrays", "progress", "measurements", "association", "models", "hypotheses"]
 FOUNDATION = [*VALUES, "comparison", "compiled", "parallel"]
-READERS_OF_THE_VALUES = ["simulation", "datasets"]
+READERS_OF_THE_VALUES = ["simulation", "datasets", "vision"]
 MAIN_JOB = [
     "consistency",
     "polygon",
@@ -39,7 +39,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "hypotheses": {"errors", "arrays", "measurements", "association", "models"},
     "comparison": set(VALUES),
     "presets": {"models"},
-    "simulation": set(VALUES),
+    "vision": set(VALUES),
+    "simulation": {*VALUES, "vision"},  # the renderer draws what vision's camera model would see
     "datasets": set(VALUES),
     "consistency": set(FOUNDATION),
     "polygon": {*FOUNDATION, "consistency"},
@@ -52,7 +53,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "fitting": {*FOUNDATION, "evidence", "graph", "tree"},
     "incremental": {*FOUNDATION, *MAIN_JOB},
     "evaluation": {*FOUNDATION, *MAIN_JOB, "incremental"},
-    "plotting": {*FOUNDATION, *MAIN_JOB, "incremental", "evaluation"},
+    "plotting": {*FOUNDATION, *MAIN_JOB, "incremental", "evaluation", "vision"},
     "cli": {*FOUNDATION, *READERS_OF_THE_VALUES, *MAIN_JOB, *AROUND_IT, "presets"},
 }
 """The packages and modules of mht_slam that each one may import, besides itself."""
@@ -61,6 +62,7 @@ ONLY_IN = {
     "gtsam": {"graph", "factors", "tree", "incremental"},
     "shapely": {"hypotheses", "consistency", "polygon", "plotting", "pipeline"},
     "numba": {"compiled"},
+    "skimage": {"vision"},
     "matplotlib": {"plotting", "cli"},
     "rich": {"cli"},
     "tyro": {"cli"},
