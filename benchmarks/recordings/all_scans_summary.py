@@ -86,8 +86,8 @@ class Row:
 def summarise(rows: Sequence[Row], models: Mapping[str, str]) -> Iterator[str]:
     """Markdown: a table for each set and half, then what the estimator's probabilities mean."""
     yield "Rates have 95 % Wilson intervals, F1 and differences 95 % bootstrap intervals over runs."
-    yield "F1 pooled counts the pairs of all runs together, or all but those that an answer forms of"
-    yield "two detections without a label; F1 mean averages over runs. Options of"
+    yield "F1 pooled counts the pairs of all runs together, or all but those that answers"
+    yield "form of two detections without a label; F1 mean averages over runs. Options of"
     yield "baselines and ceilings have the greatest pooled F1 on the tuning half. Differences are"
     yield "to order-keeping, or else to the tracker that is the better one in the table's own half."
     for set_name in dict.fromkeys(row.set_name for row in rows):
