@@ -40,6 +40,11 @@ if TYPE_CHECKING:
     from mht_slam.pipeline import Solution as Solution
     from mht_slam.pipeline import solve as solve
     from mht_slam.polygon.ranking import rank as rank
+    from mht_slam.tracking.order import apparent_angles as apparent_angles
+    from mht_slam.tracking.order import visual_order as visual_order
+    from mht_slam.tracking.zones import OrderChange as OrderChange
+    from mht_slam.tracking.zones import order_changes as order_changes
+    from mht_slam.tracking.zones import zone as zone
     from mht_slam.tree.effort import Effort as Effort
 
 _HOME = {
@@ -52,6 +57,7 @@ _HOME = {
     "Observability": "graph.observability",
     "ObservationModel": "models",
     "Odometry": "measurements",
+    "OrderChange": "tracking.zones",
     "Posterior": "hypotheses",
     "RankedAssociation": "hypotheses",
     "Ranking": "hypotheses",
@@ -59,17 +65,21 @@ _HOME = {
     "Solution": "pipeline",
     "StraightRun": "measurements",
     "TightestAssociation": "consistency.tightest",
+    "apparent_angles": "tracking.order",
     "compare": "comparison",
     "consistent_associations": "consistency.consistent_set",
     "evidence_by_quadrature": "evidence.quadrature",
     "fit_observation_model": "fitting",
     "observability": "graph.observability",
+    "order_changes": "tracking.zones",
     "rank": "polygon.ranking",
     "rank_by_evidence": "evidence.quadrature",
     "refine": "graph.refine",
     "smallest_epsilon": "consistency.tightest",
     "solve": "pipeline",
     "tightest_association": "consistency.tightest",
+    "visual_order": "tracking.order",
+    "zone": "tracking.zones",
 }
 
 _MODULES = ("presets",)
