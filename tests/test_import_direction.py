@@ -13,7 +13,7 @@ import pytest
 REPOSITORY = Path(__file__).parents[1]
 
 VALUES = ["errors", "arrays", "progress", "measurements", "association", "models", "hypotheses"]
-FOUNDATION = [*VALUES, "comparison", "compiled", "parallel"]
+FOUNDATION = [*VALUES, "comparison", "compiled", "matchings", "parallel"]
 READERS_OF_THE_VALUES = ["simulation", "datasets", "vision"]
 MAIN_JOB = [
     "consistency",
@@ -31,6 +31,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
     "arrays": {"errors"},
     "compiled": set(),
+    "matchings": {"errors", "arrays"},
     "parallel": set(),
     "progress": set(),
     "measurements": {"errors", "arrays"},

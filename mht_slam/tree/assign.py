@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from mht_slam.arrays import FloatArray
-
-Matches = tuple[tuple[int, int], ...]
-"""(row, detection) pairs, sorted; rows count landmarks, then earlier single detections."""
+from mht_slam.matchings import Matches, best_matching, ranked_matchings
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A matching, the proposal at which it does best, and its log score there."""
+    """A matching, the proposal at which it does best, and its log score there.
+
+    Rows of the matches count landmarks, then earlier single detections; columns are detections.
+    """
 
     matches: Matches
     proposal: int
@@ -52,7 +50,7 @@ def best_matchings(
     for g in np.argsort(-ceiling, kind="stable").tolist():
         if ceiling[g] < best - drop:
             break
-        matches, gain = _best(positive[g])
+        matches, gain = best_matching(positive[g])
         total = float(offsets[g]) + gain
         best = max(best, total)
         tops.append((-total, g))
@@ -65,43 +63,6 @@ def best_matchings(
             _keep(found, Candidate(matches, int(places[g]), total))
     ordered = sorted(found.values(), key=lambda c: (-c.log_gain, c.matches))
     return [c for c in ordered if c.log_gain >= best - drop]
-
-
-def ranked_matchings(gains: FloatArray) -> Iterator[tuple[Matches, float]]:
-    """Yield all matchings of positive gain and the empty one, with their gains, the best first.
-
-    `gains` (r, d) are not negative; a pair of gain zero is not matched. Source: Murty, "An
-    Algorithm for Ranking all the Assignments in Order of Increasing Cost" (1968): the matchings
-    that are left fall into those that keep the first i matches of the best and lack the next.
-    """
-    serial = 0
-    best, gain = _best(gains)
-    heap: list[tuple[float, Matches, int, FloatArray, Matches]] = [(-gain, best, serial, gains, ())]
-    while heap:
-        negative, matches, _, allowed, forced = heapq.heappop(heap)
-        yield matches, -negative
-        kept: Matches = forced
-        for match in matches:
-            if match in forced:
-                continue
-            without = allowed.copy()
-            without[match] = 0.0
-            for row, column in kept:
-                without[row, :] = 0.0
-                without[:, column] = 0.0
-            others, gain = _best(without)
-            held = sum(float(gains[pair]) for pair in kept)
-            serial += 1
-            whole = tuple(sorted((*kept, *others)))
-            heapq.heappush(heap, (-(gain + held), whole, serial, without, kept))
-            kept = (*kept, match)
-
-
-def _best(gains: FloatArray) -> tuple[Matches, float]:
-    """Return the matching of most gain, without pairs of gain zero."""
-    rows, columns = linear_sum_assignment(gains, maximize=True)
-    pairs = zip(rows.tolist(), columns.tolist(), strict=True)
-    return tuple(sorted(p for p in pairs if gains[p] > 0.0)), float(gains[rows, columns].sum())
 
 
 def _keep(found: dict[Matches, Candidate], candidate: Candidate) -> None:

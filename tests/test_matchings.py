@@ -1,0 +1,42 @@
+"""Matchings come in the order of their gains, none missing, none twice."""
+
+from __future__ import annotations
+
+from itertools import combinations, permutations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from mht_slam.matchings import ranked_matchings
+
+GAINS = npst.arrays(
+    np.float64,
+    st.tuples(st.integers(0, 4), st.integers(0, 3)),
+    elements=st.sampled_from([0.0, 0.5, 1.0, 2.5, 7.25]),
+)
+
+
+def every_matching(gains: np.ndarray) -> dict[tuple[tuple[int, int], ...], float]:
+    """All sets of pairs of positive gain that share neither row nor column."""
+    rows, columns = gains.shape
+    result = {}
+    for size in range(min(rows, columns) + 1):
+        for chosen in combinations(range(rows), size):
+            for order in permutations(range(columns), size):
+                pairs = tuple(zip(chosen, order, strict=True))
+                if all(gains[pair] > 0.0 for pair in pairs):
+                    result[pairs] = float(sum(gains[pair] for pair in pairs))
+    return result
+
+
+@given(GAINS)
+def test_ranked_matchings_are_all_matchings_best_first(gains: np.ndarray) -> None:
+    expected = every_matching(gains)
+    found = list(ranked_matchings(gains))
+    assert len(found) == len(expected)
+    assert {matches: pytest.approx(gain) for matches, gain in found} == expected
+    ordered = [gain for _, gain in found]
+    assert ordered == sorted(ordered, reverse=True)
