@@ -99,9 +99,10 @@ def solve(
     progress : called as ``progress(done, total)``, of scans in the tree and then of candidates.
 
     Raises what `mht_slam.rank`, `mht_slam.refine` and `mht_slam.compare` raise, and `OptionError`
-    for ``free`` motion over more than three scans. A run of more than
-    three scans needs no polygons: where its first three have different numbers of detections, or
-    fewer than three, the ranking stays empty.
+    for ``free`` motion over more than three scans. A run of more than three scans needs no
+    polygons: where its first three have different numbers of detections, or fewer than three, the
+    ranking stays empty. Its posterior is empty where no association of all scans could be solved:
+    where the model lets landmarks neither be missed nor come and go, one bad scan is enough.
 
     Source: docs/method.md, sections 3 to 5.
     """
