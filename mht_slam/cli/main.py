@@ -11,6 +11,7 @@ import tyro
 from rich.console import Console
 
 from mht_slam import __version__
+from mht_slam.cli.bearings import Bearings
 from mht_slam.cli.convert import Convert
 from mht_slam.cli.demo import Demo
 from mht_slam.cli.simulate import Simulate
@@ -29,6 +30,7 @@ Command: TypeAlias = (
     | Annotated[Solve, tyro.conf.subcommand("solve")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[Convert, tyro.conf.subcommand("convert")]
+    | Annotated[Bearings, tyro.conf.subcommand("bearings")]
 )
 
 DESCRIPTION = (

@@ -21,6 +21,7 @@ Noise: TypeAlias = Literal["uniform", "gaussian", "heavy_tailed"]
 ScanFormat: TypeAlias = Literal["jsonl", "csv"]
 
 TRUTH_FILE = "world.json"
+PANORAMAS = "panoramas"
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class Simulate:
     """Seed of everything random: the same seed gives the same bytes."""
     pair: bool = False
     """Two straight runs of two scans each instead of one run (for `solve --pair`)."""
+    panoramas: bool = False
+    """Also draw what a panoramic camera sees at each pose, of kind paper (for `bearings`)."""
     file_format: ScanFormat = "jsonl"
     """Format of the scan file."""
     output: Path = Path("runs")
@@ -72,6 +75,8 @@ class Simulate:
                     "association": scene.truth.table,
                 },
             )
+            if self.panoramas:
+                self._draw_panoramas(scene, folder / PANORAMAS)
         console.print(f"{path}", soft_wrap=True)
 
     def _scene(self) -> Scene:
@@ -96,6 +101,21 @@ class Simulate:
             return simulate_pair(self.kind, self.landmarks, rng, sensor=sensor)
         return simulate_scene(self.kind, self.landmarks, rng, sensor=sensor, n_scans=self.n_scans)
 
+    def _draw_panoramas(self, scene: Scene, folder: Path) -> None:
+        """Draw the landmarks in view as cones, in metres, with forward at column 0."""
+        import numpy as np
+
+        from mht_slam.simulation.panorama import cones_at, render_panorama
+        from mht_slam.simulation.paper_scene import METRES_PER_BASELINE
+        from mht_slam.vision.images import write_image
+
+        rng = np.random.default_rng(self.seed)
+        cones = cones_at(METRES_PER_BASELINE * scene.landmarks)
+        folder.mkdir()
+        for index, (x, y, heading) in enumerate(scene.poses.tolist()):
+            pose = (METRES_PER_BASELINE * x, METRES_PER_BASELINE * y, heading)
+            write_image(folder / f"{index:03d}.png", render_panorama(pose, cones, rng))
+
     def _sigma_deg(self) -> float:
         return self.epsilon_deg / EPSILON_OVER_SIGMA if self.sigma_deg is None else self.sigma_deg
 
@@ -111,6 +131,8 @@ class Simulate:
             )
         if self.kind == "paper" and self.n_scans != 3:
             raise OptionError("n_scans: kind paper has three scans: leave --n-scans")
+        if self.panoramas and self.kind != "paper":
+            raise OptionError("panoramas: only kind paper has a length in metres: give it")
         if self.pair and (self.kind in ("model", "paper") or self.n_scans != 3):
             raise OptionError(
                 "pair: two runs have four scans and a layout of their own: leave --n-scans, and "

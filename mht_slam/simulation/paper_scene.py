@@ -25,6 +25,9 @@ LAWNMOWER_TRACK: Final = freeze(
 OBSERVATION_POINTS: Final = freeze(np.array([[0.0, 0.0], [12.0, 0.0], [16.5, 0.0]]))
 """(3, 2) O1, O2 and O3. The second step is short, and O3 is the farthest from every landmark."""
 
+METRES_PER_BASELINE: Final = float(OBSERVATION_POINTS[1, 0])
+"""Length of the first baseline |O1 O2|, the unit of a scene."""
+
 LANDMARKS: Final = MappingProxyType(
     {
         "La": (-24.0, 10.0),
@@ -63,9 +66,8 @@ def paper_scene(rng: np.random.Generator, epsilon: float, *, deviation: float = 
     """
     finite_number(epsilon, "epsilon", at_least=0.0)
     finite_number(deviation, "deviation")
-    metres_per_baseline = float(OBSERVATION_POINTS[1, 0])
-    poses = trajectories.straight([OBSERVATION_POINTS[2, 0] / metres_per_baseline - 1.0])
-    poses[2, 1] = deviation / metres_per_baseline
-    landmarks = np.array(list(LANDMARKS.values())) / metres_per_baseline
-    sensor = Sensor(spread=epsilon, noise="uniform", max_range=SENSOR_RANGE / metres_per_baseline)
+    poses = trajectories.straight([OBSERVATION_POINTS[2, 0] / METRES_PER_BASELINE - 1.0])
+    poses[2, 1] = deviation / METRES_PER_BASELINE
+    landmarks = np.array(list(LANDMARKS.values())) / METRES_PER_BASELINE
+    sensor = Sensor(spread=epsilon, noise="uniform", max_range=SENSOR_RANGE / METRES_PER_BASELINE)
     return observe_scene("paper", "straight", poses, landmarks, sensor, rng)

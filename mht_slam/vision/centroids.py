@@ -72,9 +72,9 @@ def centroid(blob: Blob, colours: FloatArray, *, coarseness: float = 1.0) -> Cen
     profile = weights.sum(axis=0)
     total = float(profile.sum())
     mean = float(profile @ blob.columns) / total
-    away = blob.columns - mean
+    away = blob.columns.astype(np.float64) - mean
     mixed = rim & (share > -noise) & (share < 1.0 + noise)
-    row_noise = coarseness**0.5 * noise * np.sqrt(mixed.astype(np.float64) @ away**2)
+    row_noise = coarseness**0.5 * noise * np.sqrt(mixed @ away**2)
     scatter, expected = _scatter_of_rows(weights, away, row_noise, coarseness)
     lopsided = scatter > SCATTERED * expected
     variance = float(row_noise @ row_noise) / total**2 + (FLOOR * coarseness) ** 2
