@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TypeAlias
 
@@ -125,7 +126,7 @@ def _cost_of_last_step(problem: Problem, poses: FloatArray) -> FloatArray:
 
 def _local_minima(costs: FloatArray) -> list[int]:
     """Indices of entries no higher than both neighbours, the lowest first."""
-    rising, falling = costs[:-1] <= costs[1:], costs[:-1] >= costs[1:]
-    low = np.flatnonzero(np.append(rising, True) & np.append(True, falling))
-    order = low[np.argsort(costs[low], kind="stable")]
-    return [int(g) for g in order if costs[g] <= costs[order[0]] + START_MARGIN]
+    fenced = [math.inf, *costs.tolist(), math.inf]
+    low = [g for g, cost in enumerate(fenced[1:-1]) if fenced[g] >= cost <= fenced[g + 2]]
+    low.sort(key=costs.item)
+    return [g for g in low if costs[g] <= costs[low[0]] + START_MARGIN]

@@ -10,6 +10,7 @@ import numpy as np
 
 from mht_slam import factors
 from mht_slam.arrays import FloatArray
+from mht_slam.factors.density import HALF_LOG_2PI
 from mht_slam.graph.problem import Problem
 
 STILL_SIGMA = 1e-3
@@ -33,7 +34,7 @@ def motion_factors(
         the estimated poses.
     """
     fixed = fixed_motion_factors(problem, keys)
-    return [*fixed, *linearised_motion_factors(problem, keys, poses)]
+    return [*fixed, *linearised_motion_factors(problem, keys, poses)[0]]
 
 
 def fixed_motion_factors(problem: Problem, keys: tuple[int, ...]) -> list[gtsam.NonlinearFactor]:
@@ -53,19 +54,25 @@ def fixed_motion_factors(problem: Problem, keys: tuple[int, ...]) -> list[gtsam.
 
 def linearised_motion_factors(
     problem: Problem, keys: tuple[int, ...], poses: FloatArray
-) -> list[gtsam.NonlinearFactor]:
-    """Log-normal priors over steps or their changes, linearised about (m, 3) `poses`."""
+) -> tuple[list[gtsam.NonlinearFactor], float]:
+    """Log-normal priors over steps or their changes, linearised about (m, 3) `poses`.
+
+    With them the sum of their log normalisers, which takes less time than asking each.
+    """
     if problem.model.motion == "smooth":
-        return [
+        changes = [
             factors.step_change((keys[i], keys[j], keys[j + 1]), poses[[i, j, j + 1]], sigma)
             for i, j, sigma in _step_changes(problem)
         ]
+        return [*changes], -len(changes) * HALF_LOG_2PI
     mean, sigma = problem.model.log_step_mean, problem.model.log_step_sigma
     lengths = problem.free_lengths(poses).tolist()
-    return [
+    steps = [
         factors.log_step(keys[a], keys[b], mean, sigma, around)
         for (a, b), around in zip(problem.free_steps, lengths, strict=True)
     ]
+    log_sigmas = sum(math.log(sigma * around) for around in lengths)
+    return [*steps], -log_sigmas - len(steps) * HALF_LOG_2PI
 
 
 def log_density_outside(problem: Problem, poses: FloatArray) -> float:

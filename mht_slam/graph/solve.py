@@ -12,10 +12,11 @@ import numpy as np
 
 from mht_slam.arrays import BoolArray, FloatArray, IntArray
 from mht_slam.association import MISSED
+from mht_slam.compiled import compiled
 from mht_slam.evidence.bearing_noise import log_bearing_noise
 from mht_slam.evidence.importance import Integral
 from mht_slam.evidence.landmark_integral import log_landmark_integral
-from mht_slam.graph.build import FactorPool, NormalisedGraph, make_values
+from mht_slam.graph.build import FactorPool, NormalisedGraph
 from mht_slam.graph.initial import Start, starting_points
 from mht_slam.graph.laplace import SingularGraphError, laplace
 from mht_slam.graph.log_range import optimise_in_log_range
@@ -102,7 +103,7 @@ def solve_association(
     of the graph, counts with its integral at the estimated poses, and is put on its ray at one
     standard deviation of the prior, with the prior's covariance.
     """
-    ranged = np.count_nonzero(table != MISSED, axis=1) >= 2
+    ranged = (table != MISSED).sum(axis=1) >= 2
     if start is not None:
         poses, landmarks = start
         length = float(np.linalg.norm(poses[problem.second_place, :2] - poses[0, :2]))
@@ -195,7 +196,7 @@ def _optimise(
     """
     pool, problem, sightings = subject.pool, subject.problem, subject.sightings
     keys = pool.keys(len(landmarks))
-    values = make_values(keys, poses, landmarks)
+    values = pool.values(poses, landmarks)
     with_volumes: gtsam.NonlinearFactorGraph | None = None
     anchors: list[tuple[int, int]] = []
     if in_log_range:
@@ -249,7 +250,7 @@ def _estimate(
         )
     except SingularGraphError as cause:
         raise UnsolvedError(str(cause)) from cause
-    landmark_covariances, joint = _split_covariance(approximation.covariance, poses)
+    landmark_covariances, pose_covariances, joint = _marginals(approximation.covariance, poses)
     integral: Integral | None = None
     if evidence == "marginal":
         worst = float(np.abs(residuals / sightings.sigmas)[sightings.seen].max(initial=0.0))
@@ -262,7 +263,7 @@ def _estimate(
         log_likelihood=_log_likelihood(sightings, residuals, problem.model.bearing_dof),
         log_evidence=plain if integral is None else integral.log_value,
         log_evidence_error=None if integral is None else integral.error,
-        pose_covariances=_diagonal_blocks(joint, 3),
+        pose_covariances=pose_covariances,
         landmark_covariances=landmark_covariances,
     )
 
@@ -325,11 +326,12 @@ def _check_sides(problem: Problem, residuals: FloatArray, poses: FloatArray) -> 
         raise UnsolvedError(f"landmark {row} ends up on the far side of its bearing in scan {scan}")
     if problem.model.motion in ("odometry", "free"):
         return
+    on_one_line = problem.second_run is None and problem.model.motion == "straight"
+    rows = poses.tolist()  # too few for array operations to be worth their calls
     for a, b in problem.free_steps:
-        on_one_line = problem.second_run is None and problem.model.motion == "straight"
-        heading = 0.0 if on_one_line else poses[a, 2]
-        forward = math.cos(heading) * (poses[b, 0] - poses[a, 0])
-        if forward + math.sin(heading) * (poses[b, 1] - poses[a, 1]) <= 0.0:
+        (x, y, heading), (next_x, next_y, _) = rows[a], rows[b]
+        heading = 0.0 if on_one_line else heading
+        if math.cos(heading) * (next_x - x) + math.sin(heading) * (next_y - y) <= 0.0:
             raise UnsolvedError(f"the robot goes backwards from scan {a} to scan {b}")
 
 
@@ -340,30 +342,39 @@ def _check_ranges(problem: Problem, ranges: FloatArray) -> None:
     as headings may deviate.
     """
     nearest = NEAREST_RANGE * problem.baseline
-    if ranges.min(initial=math.inf) < nearest:
-        row, scan = np.argwhere(ranges < nearest)[0].tolist()
+    near = ranges < nearest
+    if near.any():
+        row, scan = np.argwhere(near)[0].tolist()
         raise TrappedError(f"landmark {row} ends up on the observation point of scan {scan}")
 
 
-def _split_covariance(covariance: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Landmark marginals (n, 2, 2), and the joint (3 m, 3 m) of the poses in run axes.
+@compiled
+def _marginals(
+    covariance: FloatArray, poses: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Marginals of landmarks (n, 2, 2) and poses (m, 3, 3), and the poses' joint (3 m, 3 m).
 
     GTSAM keeps a pose's uncertainty in its own frame; rotating it gives the run's axes.
     """
     m = len(poses)
-    split = len(covariance) - 3 * m
-    turn = np.zeros((m, 3, 3))
-    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    turn[:, 0, 0], turn[:, 0, 1], turn[:, 1, 0], turn[:, 1, 1] = cosine, -sine, sine, cosine
-    turn[:, 2, 2] = 1.0
-    blocks = covariance[split:, split:].reshape(m, 3, m, 3).transpose(0, 2, 1, 3)
-    turned = turn[:, None] @ blocks @ turn.transpose(0, 2, 1)
-    joint = turned.transpose(0, 2, 1, 3).reshape(3 * m, 3 * m)
-    return _diagonal_blocks(covariance[:split, :split], 2), joint
-
-
-def _diagonal_blocks(matrix: FloatArray, size: int) -> FloatArray:
-    """(k, size, size) blocks on the diagonal of a (k size, k size) matrix."""
-    count = len(matrix) // size
-    blocks = matrix.reshape(count, size, count, size).diagonal(axis1=0, axis2=2)
-    return np.ascontiguousarray(blocks.transpose(2, 0, 1))
+    n = (len(covariance) - 3 * m) // 2
+    landmarks, marginals = np.empty((n, 2, 2)), np.empty((m, 3, 3))
+    for row in range(n):
+        landmarks[row] = covariance[2 * row : 2 * row + 2, 2 * row : 2 * row + 2]
+    joint = covariance[2 * n :, 2 * n :].copy()
+    for k in range(m):
+        cosine, sine = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        x, y = 3 * k, 3 * k + 1
+        for i in range(3 * m):
+            joint[x, i], joint[y, i] = (
+                cosine * joint[x, i] - sine * joint[y, i],
+                sine * joint[x, i] + cosine * joint[y, i],
+            )
+        for i in range(3 * m):
+            joint[i, x], joint[i, y] = (
+                cosine * joint[i, x] - sine * joint[i, y],
+                sine * joint[i, x] + cosine * joint[i, y],
+            )
+    for k in range(m):
+        marginals[k] = joint[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+    return landmarks, marginals, joint

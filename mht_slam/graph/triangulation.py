@@ -62,104 +62,119 @@ def _triangulated(
     ranges: tuple[float, float, float],
     far_ranges: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """`prior` is its centre and sigma; `ranges` the first one taken, the least and the largest."""
+    """`prior` is its centre and sigma; `ranges` the first one taken, the least and the largest.
+
+    The innermost loops run over the sets of poses, so that several are worked on at a time.
+    """
     n_sets, k = poses.shape[:2]
     n = len(bearings)
-    cosine, sine = np.cos(bearings), np.sin(bearings)
     landmarks, costs = np.empty((n_sets, n, 2)), np.zeros(n_sets)
-    rays, weights = np.empty((k, 2)), np.empty(k)
-    forward = np.empty((k, 2))
-    for g in range(n_sets):
+    places = np.ascontiguousarray(poses[:, :, :2].transpose(1, 2, 0))
+    forward, rays = np.empty((k, 2, n_sets)), np.empty((k, 2, n_sets))
+    for i in range(k):
+        forward[i, 0], forward[i, 1] = np.cos(poses[:, i, 2]), np.sin(poses[:, i, 2])
+    points, far_points = np.empty((2, n_sets)), np.empty((2, n_sets))
+    least, far_costs = np.empty(n_sets), np.empty(n_sets)
+    for row in range(n):
+        weights = np.zeros(k)
+        middle, mean = np.zeros((2, n_sets)), np.zeros((2, n_sets))
+        count = 0
         for i in range(k):
-            forward[i, 0], forward[i, 1] = math.cos(poses[g, i, 2]), math.sin(poses[g, i, 2])
-        for row in range(n):
-            mean_x = mean_y = middle_x = middle_y = 0.0
-            count = 0
-            for i in range(k):
-                c, s = forward[i, 0], forward[i, 1]
-                rays[i, 0] = c * cosine[row, i] - s * sine[row, i]
-                rays[i, 1] = s * cosine[row, i] + c * sine[row, i]
-                weights[i] = 0.0
-                if seen[row, i]:
-                    weights[i] = 1.0 / sigmas[row, i] ** 2
-                    mean_x, mean_y = mean_x + rays[i, 0], mean_y + rays[i, 1]
-                    middle_x, middle_y = middle_x + poses[g, i, 0], middle_y + poses[g, i, 1]
-                    count += 1
-            x, y = _closest_point(poses[g], rays, weights, prior, ranges)
-            least = _cost(x, y, poses[g], rays, weights, prior, math.inf)
-            length = math.hypot(mean_x, mean_y)
-            if length > 0.0:
-                for far in far_ranges:
-                    far_x = middle_x / count + far * mean_x / length
-                    far_y = middle_y / count + far * mean_y / length
-                    cost = _cost(far_x, far_y, poses[g], rays, weights, prior, least)
-                    if cost < least:
-                        x, y, least = far_x, far_y, cost
-            landmarks[g, row, 0], landmarks[g, row, 1] = x, y
-            costs[g] += least
+            if not seen[row, i]:
+                continue
+            weights[i] = 1.0 / sigmas[row, i] ** 2
+            cosine, sine = math.cos(bearings[row, i]), math.sin(bearings[row, i])
+            count += 1
+            for g in range(n_sets):
+                rays[i, 0, g] = forward[i, 0, g] * cosine - forward[i, 1, g] * sine
+                rays[i, 1, g] = forward[i, 1, g] * cosine + forward[i, 0, g] * sine
+                mean[0, g] += rays[i, 0, g]
+                mean[1, g] += rays[i, 1, g]
+                middle[0, g] += places[i, 0, g]
+                middle[1, g] += places[i, 1, g]
+        _closest_points(points, places, rays, weights, prior, ranges)
+        _costs(least, points, places, rays, weights, prior)
+        for far in far_ranges:
+            for g in range(n_sets):
+                # Rays without a mean direction give points that are no numbers, at infinite cost.
+                length = math.sqrt(mean[0, g] ** 2 + mean[1, g] ** 2)
+                far_points[0, g] = middle[0, g] / count + far * mean[0, g] / length
+                far_points[1, g] = middle[1, g] / count + far * mean[1, g] / length
+            _costs(far_costs, far_points, places, rays, weights, prior)
+            for g in range(n_sets):
+                if far_costs[g] < least[g]:
+                    points[0, g], points[1, g] = far_points[0, g], far_points[1, g]
+                    least[g] = far_costs[g]
+        for g in range(n_sets):
+            landmarks[g, row, 0], landmarks[g, row, 1] = points[0, g], points[1, g]
+            costs[g] += least[g]
     return landmarks, costs
 
 
 @compiled
-def _closest_point(
-    poses: FloatArray,
+def _closest_points(
+    points: FloatArray,
+    places: FloatArray,
     rays: FloatArray,
     weights: FloatArray,
     prior: tuple[float, float, float],
     ranges: tuple[float, float, float],
-) -> tuple[float, float]:
-    """Minimiser of the squared distances to the rays, over sigma times range, and of the prior."""
+) -> None:
+    """Minimisers of the squared distances to the rays, over sigma times range, and of the prior."""
     information = 1.0 / prior[2] ** 2
-    x = y = 0.0
+    n_sets = points.shape[1]
+    squared = np.full(n_sets, ranges[0] * ranges[0])
     for attempt in range(2):
-        axx = ayy = information
-        axy, bx, by = 0.0, information * prior[0], information * prior[1]
-        for i in range(len(rays)):
+        axx, ayy = np.full(n_sets, information), np.full(n_sets, information)
+        axy = np.zeros(n_sets)
+        bx, by = np.full(n_sets, information * prior[0]), np.full(n_sets, information * prior[1])
+        for i in range(len(weights)):
             if weights[i] == 0.0:
                 continue
-            squared = ranges[0] * ranges[0]
-            if attempt > 0:
-                squared = (x - poses[i, 0]) ** 2 + (y - poses[i, 1]) ** 2
-                squared = min(max(squared, ranges[1] * ranges[1]), ranges[2] * ranges[2])
-            w = weights[i] / squared
-            nx, ny = -rays[i, 1], rays[i, 0]
-            offset = nx * poses[i, 0] + ny * poses[i, 1]
-            axx += w * nx * nx
-            axy += w * nx * ny
-            ayy += w * ny * ny
-            bx += w * nx * offset
-            by += w * ny * offset
+            for g in range(n_sets):
+                if attempt > 0:
+                    dx, dy = points[0, g] - places[i, 0, g], points[1, g] - places[i, 1, g]
+                    far = min(dx * dx + dy * dy, ranges[2] * ranges[2])
+                    squared[g] = max(far, ranges[1] * ranges[1])
+                w = weights[i] / squared[g]
+                nx, ny = -rays[i, 1, g], rays[i, 0, g]
+                offset = nx * places[i, 0, g] + ny * places[i, 1, g]
+                axx[g] += w * nx * nx
+                axy[g] += w * nx * ny
+                ayy[g] += w * ny * ny
+                bx[g] += w * nx * offset
+                by[g] += w * ny * offset
         # Parallel rays under a prior too weak for the arithmetic meet nowhere; their cost is
         # infinite, and points far out are taken.
-        determinant = axx * ayy - axy * axy
-        x = (ayy * bx - axy * by) / determinant
-        y = (axx * by - axy * bx) / determinant
-    return x, y
+        for g in range(n_sets):
+            determinant = axx[g] * ayy[g] - axy[g] * axy[g]
+            points[0, g] = (ayy[g] * bx[g] - axy[g] * by[g]) / determinant
+            points[1, g] = (axx[g] * by[g] - axy[g] * bx[g]) / determinant
 
 
 @compiled
-def _cost(
-    x: float,
-    y: float,
-    poses: FloatArray,
+def _costs(
+    costs: FloatArray,
+    points: FloatArray,
+    places: FloatArray,
     rays: FloatArray,
     weights: FloatArray,
     prior: tuple[float, float, float],
-    limit: float,
-) -> float:
-    """Squared residuals of a point, in standard deviations; infinite where it is none.
-
-    Beyond `limit`, which is all that interests, the sum is broken off.
-    """
-    total = ((x - prior[0]) ** 2 + (y - prior[1]) ** 2) / prior[2] ** 2
-    for i in range(len(rays)):
+) -> None:
+    """Squared residuals of points, in standard deviations; infinite where one is none."""
+    n_sets = points.shape[1]
+    for g in range(n_sets):
+        from_centre = (points[0, g] - prior[0]) ** 2 + (points[1, g] - prior[1]) ** 2
+        costs[g] = from_centre / prior[2] ** 2
+    for i in range(len(weights)):
         if weights[i] == 0.0:
             continue
-        dx, dy = x - poses[i, 0], y - poses[i, 1]
-        nearness = 1.0 / math.sqrt(dx * dx + dy * dy)
-        beside = (rays[i, 0] * dy - rays[i, 1] * dx) * nearness
-        short = 1.0 - (rays[i, 0] * dx + rays[i, 1] * dy) * nearness
-        total += weights[i] * (beside * beside + short * short)
-        if total > limit:
-            break
-    return total if total < math.inf else math.inf
+        for g in range(n_sets):
+            dx, dy = points[0, g] - places[i, 0, g], points[1, g] - places[i, 1, g]
+            nearness = 1.0 / math.sqrt(dx * dx + dy * dy)
+            beside = (rays[i, 0, g] * dy - rays[i, 1, g] * dx) * nearness
+            short = 1.0 - (rays[i, 0, g] * dx + rays[i, 1, g] * dy) * nearness
+            costs[g] += weights[i] * (beside * beside + short * short)
+    for g in range(n_sets):
+        if not costs[g] < math.inf:
+            costs[g] = math.inf

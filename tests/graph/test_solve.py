@@ -12,7 +12,7 @@ import pytest
 from mht_slam import Association, Hypothesis, ObservationModel, factors, refine
 from mht_slam.arrays import FloatArray
 from mht_slam.graph.build import FactorPool, graph_keys, make_values
-from mht_slam.graph.laplace import SingularGraphError, _root_and_inverse, laplace
+from mht_slam.graph.laplace import SingularGraphError, _sound_inverse, laplace
 from mht_slam.graph.motion import motion_factors
 from mht_slam.graph.problem import make_problem
 from mht_slam.simulation import simulate_pair, simulate_scene
@@ -137,11 +137,12 @@ def test_a_hessian_is_refused_by_its_condition(smallest: float, is_sound: bool) 
     basis = np.linalg.qr(rng.normal(size=(6, 6)))[0]
     matrix = (basis * [smallest, 0.5, 1.0, 1.0, 1.0, 1.0]) @ basis.T
     if is_sound:
-        inverse = _root_and_inverse(matrix)[1]
+        log_determinant, inverse = _sound_inverse(matrix)
+        assert log_determinant == pytest.approx(math.log(smallest / 2.0), abs=1e-3)
         assert inverse @ matrix == pytest.approx(np.eye(6), abs=1e-3)
     else:
         with pytest.raises(SingularGraphError, match="eigenvalues from"):
-            _root_and_inverse(matrix)
+            _sound_inverse(matrix)
 
 
 @pytest.mark.parametrize("motion", ["straight", "smooth", "free"])
