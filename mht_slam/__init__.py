@@ -40,8 +40,12 @@ if TYPE_CHECKING:
     from mht_slam.pipeline import Solution as Solution
     from mht_slam.pipeline import solve as solve
     from mht_slam.polygon.ranking import rank as rank
+    from mht_slam.tracking.exchanges import Exchange as Exchange
+    from mht_slam.tracking.exchanges import exchanges as exchanges
+    from mht_slam.tracking.options import TrackerConfig as TrackerConfig
     from mht_slam.tracking.order import apparent_angles as apparent_angles
     from mht_slam.tracking.order import visual_order as visual_order
+    from mht_slam.tracking.tracker import OrderTracker as OrderTracker
     from mht_slam.tracking.zones import OrderChange as OrderChange
     from mht_slam.tracking.zones import order_changes as order_changes
     from mht_slam.tracking.zones import zone as zone
@@ -53,11 +57,13 @@ _HOME = {
     "Comparison": "comparison",
     "ConsistentSet": "consistency.consistent_set",
     "Effort": "tree.effort",
+    "Exchange": "tracking.exchanges",
     "Hypothesis": "hypotheses",
     "Observability": "graph.observability",
     "ObservationModel": "models",
     "Odometry": "measurements",
     "OrderChange": "tracking.zones",
+    "OrderTracker": "tracking.tracker",
     "Posterior": "hypotheses",
     "RankedAssociation": "hypotheses",
     "Ranking": "hypotheses",
@@ -65,10 +71,12 @@ _HOME = {
     "Solution": "pipeline",
     "StraightRun": "measurements",
     "TightestAssociation": "consistency.tightest",
+    "TrackerConfig": "tracking.options",
     "apparent_angles": "tracking.order",
     "compare": "comparison",
     "consistent_associations": "consistency.consistent_set",
     "evidence_by_quadrature": "evidence.quadrature",
+    "exchanges": "tracking.exchanges",
     "fit_observation_model": "fitting",
     "observability": "graph.observability",
     "order_changes": "tracking.zones",

@@ -1,0 +1,175 @@
+"""One track: a Kalman filter on bearing and nearness, the chance it is there, and its history."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from filterpy.kalman import predict, update
+
+from mht_slam.arrays import FloatArray
+from mht_slam.association import MISSED
+from mht_slam.tracking.options import TrackerConfig
+
+OBSERVATION = np.array([[1.0, 0.0]])
+
+FIRST_EXISTENCE = 0.5
+"""Chance that a detection which continues no track is a landmark."""
+GONE = 0.005
+"""A track that is there with less than this chance has ended."""
+SMALLEST_NOISE = 1e-3
+"""What prediction adds at least to bearing and nearness, so that no filter freezes."""
+CLOSEST = 1e-2
+"""Predictions take no landmark for closer than this share of a step."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """What is known of one track after one scan, and through `parent` after all before.
+
+    Attributes
+    ----------
+    number : tracks are numbered as they begin.
+    scan, detection : the scan, and the track's detection in it or -1.
+    mean, covariance : (2,) bearing in the robot frame and nearness, and (2, 2) of both. The rate of
+        the bearing is nearness times its sine, besides the robot's turn.
+    existence : the chance that there is a landmark in view to be seen.
+    n_seen : number of its detections.
+    last_seen : (scan, detection) of its latest detection.
+    parent : the track one scan earlier, or None.
+    """
+
+    number: int
+    scan: int
+    detection: int
+    mean: FloatArray
+    covariance: FloatArray
+    existence: float
+    n_seen: int
+    last_seen: tuple[int, int]
+    parent: Track | None
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether nothing is left to be seen of it."""
+        return self.existence < GONE
+
+    def detections(self) -> dict[int, int]:
+        """Its detections by scan, the latest first."""
+        found = {}
+        at: Track | None = self
+        while at is not None:
+            if at.detection != MISSED:
+                found[at.scan] = at.detection
+            at = at.parent
+        return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """A track carried on to the next scan, where it is seen or missed."""
+
+    track: Track
+    mean: FloatArray
+    covariance: FloatArray
+    existence: float
+
+
+def begin(
+    number: int, scan: int, detection: int, bearing: float, variance: float, config: TrackerConfig
+) -> Track:
+    """Start a track at a detection, which may be a new landmark or a false alarm."""
+    return Track(
+        number=number,
+        scan=scan,
+        detection=detection,
+        mean=np.array([bearing, config.nearness]),
+        covariance=np.diag([variance, config.nearness_sigma**2]),
+        existence=FIRST_EXISTENCE,
+        n_seen=1,
+        last_seen=(scan, detection),
+        parent=None,
+    )
+
+
+def carry_on(track: Track, config: TrackerConfig) -> Prediction:
+    """Predict the track after one more step straight ahead, before the robot's turn.
+
+    In units of the step, the landmark at range 1/w and bearing b moves back by one: the filter is
+    that of the exact motion, linearised. Source: docs/method.md, sections 2 and 6.
+    """
+    bearing, nearness = track.mean.tolist()
+    cosine, sine = math.cos(bearing), math.sin(bearing)
+    squared = max(1.0 - 2.0 * nearness * cosine + nearness**2, CLOSEST**2)
+    closing = 1.0 / math.sqrt(squared)
+    moved = np.array([math.atan2(sine, cosine - nearness), nearness * closing])
+    jacobian = np.array(
+        [
+            [(1.0 - nearness * cosine) / squared, sine / squared],
+            [
+                -(nearness**2) * sine * closing**3,
+                closing + nearness * (cosine - nearness) * closing**3,
+            ],
+        ]
+    )
+    size = abs(nearness) + math.sqrt(float(track.covariance[1, 1]))
+    noise = np.diag(
+        [
+            (config.drift_sigma * size) ** 2 + SMALLEST_NOISE**2,
+            (config.step_change_sigma * size) ** 2 + SMALLEST_NOISE**2,
+        ]
+    )
+    # The filter's prediction is linear; the control moves its mean onto the exact one.
+    mean, covariance = predict(
+        track.mean, track.covariance, F=jacobian, Q=noise, u=moved - jacobian @ track.mean
+    )
+    return Prediction(track, mean, covariance, config.stay_probability * track.existence)
+
+
+def turned(prediction: Prediction, turn: float) -> Prediction:
+    """Shift the predicted bearing, which stays within half a turn of zero."""
+    bearing, nearness = prediction.mean.tolist()
+    mean = np.array([math.remainder(bearing + turn, math.tau), nearness])
+    return Prediction(prediction.track, mean, prediction.covariance, prediction.existence)
+
+
+def see(
+    prediction: Prediction, scan: int, detection: int, bearing: float, variance: float
+) -> Track:
+    """Update the track with a detection of a scan."""
+    before = prediction.track
+    predicted = float(prediction.mean[0])
+    # Of all whole turns the nearest, so that the filter knows no seam.
+    unwrapped = predicted + math.remainder(bearing - predicted, math.tau)
+    mean, covariance = update(
+        prediction.mean, prediction.covariance, unwrapped, np.array([[variance]]), OBSERVATION
+    )
+    return Track(
+        number=before.number,
+        scan=scan,
+        detection=detection,
+        mean=np.array([math.remainder(float(mean[0]), math.tau), float(mean[1])]),
+        covariance=covariance,
+        existence=1.0,
+        n_seen=before.n_seen + 1,
+        last_seen=(scan, detection),
+        parent=before,
+    )
+
+
+def miss(prediction: Prediction, scan: int, config: TrackerConfig) -> Track:
+    """Carry the track through a scan that does not see it."""
+    before = prediction.track
+    unseen = prediction.existence * (1.0 - config.detection_probability)
+    return Track(
+        number=before.number,
+        scan=scan,
+        detection=MISSED,
+        mean=prediction.mean,
+        covariance=prediction.covariance,
+        existence=unseen / (1.0 - prediction.existence + unseen),
+        n_seen=before.n_seen,
+        last_seen=before.last_seen,
+        parent=before,
+    )
