@@ -20,7 +20,7 @@ MARGIN = 5
 
 VALLEY_DEPTH = 0.3
 """A valley of the height profile cuts where it is deeper than this share of the lower peak."""
-SHALLOWEST_VALLEY = 2.0
+SHALLOWEST_VALLEY = 2
 """A valley of fewer pixels than this is roughness of the edge."""
 
 
@@ -88,12 +88,10 @@ def parts(blob: Blob) -> list[Blob]:
     The profile counts the blob's pixels in each column: a single cone or post has one peak. Cones
     that overlap by so much that no valley is left stay one blob.
     """
-    profile = blob.mask.sum(axis=0).astype(np.float64)
-    peaks, found = find_peaks(profile, prominence=SHALLOWEST_VALLEY)
-    peaks = peaks[found["prominences"] >= VALLEY_DEPTH * profile[peaks]]
-    if len(peaks) < 2:
+    profile = blob.mask.sum(axis=0)
+    cuts = _valleys(profile)
+    if not cuts:
         return [blob]
-    cuts = [int(start + np.argmin(profile[start:end])) for start, end in pairwise(peaks.tolist())]
     cut = []
     for first, last in pairwise([0, *cuts, len(profile)]):
         mask = np.zeros_like(blob.mask)
@@ -101,6 +99,26 @@ def parts(blob: Blob) -> list[Blob]:
         others = blob.others | (blob.mask & ~mask)
         cut.append(Blob(blob.rows, blob.columns, mask, others, touching=True))
     return cut
+
+
+def _valleys(profile: IntArray) -> list[int]:
+    """Columns of the valleys between peaks, those too shallow to cut left out."""
+    peaks = find_peaks(profile.astype(np.float64))[0].tolist()
+    while len(peaks) > 1:
+        valleys = [first + int(profile[first:last].argmin()) for first, last in pairwise(peaks)]
+        lower = [int(min(profile[first], profile[last])) for first, last in pairwise(peaks)]
+        depths = [peak - int(profile[valley]) for peak, valley in zip(lower, valleys, strict=True)]
+        excess = [
+            depth - max(SHALLOWEST_VALLEY, VALLEY_DEPTH * peak)
+            for depth, peak in zip(depths, lower, strict=True)
+        ]
+        shallowest = int(np.argmin(excess))
+        if excess[shallowest] >= 0.0:
+            return valleys
+        # The lower peak is a shoulder of its neighbour.
+        second = profile[peaks[shallowest]] > profile[peaks[shallowest + 1]]
+        peaks.pop(shallowest + int(second))
+    return []
 
 
 def _components(matching: BoolArray) -> Iterator[tuple[IntArray, IntArray]]:

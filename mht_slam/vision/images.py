@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,8 @@ def read_image(path: str | os.PathLike[str]) -> FloatArray:
         raise ImageNotFoundError(f"{source}: no such file: name a picture that exists")
     io = scikit_image("io")
     try:
-        pixels = io.imread(source)
+        # From memory: for a file that is no picture, its readers leave the file open.
+        pixels = io.imread(BytesIO(source.read_bytes()))
     except Exception as cause:  # every backend has errors of its own, some not even OSError
         raise ImageError(f"{source}: cannot be read as a picture: give a PNG or JPEG") from cause
     return colour_image(pixels, str(source))
