@@ -29,7 +29,7 @@ class TrackerConfig:
     """Standard deviation of a bearing; a scan's own goes before it."""
     detection_probability: float = 0.95
     """Chance that a landmark in view is detected."""
-    stay_probability: float = 0.99
+    stay_probability: float = 0.998
     """Chance that a landmark in view is still in view at the next scan."""
     false_alarm_rate: float = 0.05
     """Expected false alarms per radian and scan."""
