@@ -92,7 +92,8 @@ def refine(
     -------
     The posterior. A candidate that cannot be solved stays in it with log evidence -inf,
     probability 0 and its `failure`. So does one that leads the optimiser onto an observation point
-    and has, whatever the path, less than e^-60 of the best one's evidence: it is ``gated``.
+    or backwards and has, whatever the path, less than e^-60 of the best one's evidence: it is
+    ``gated``.
 
     Raises `OptionError` for a run, model, evidence or scale that is none, where no sigma is known,
     or where candidates differ in the numbers of landmarks, misses or false alarms and the model
@@ -167,8 +168,8 @@ def _bound(problem: Problem, candidate: Candidate) -> float:
 
 def _gated(candidate: Candidate) -> Hypothesis:
     reason = (
-        "gated: the optimiser puts a landmark on an observation point, and no straight path brings "
-        f"it within {GATE:g} nats of the best hypothesis"
+        "gated: the optimiser puts a landmark on an observation point or goes backwards, and no "
+        f"straight path brings it within {GATE:g} nats of the best hypothesis"
     )
     return Hypothesis(
         candidate.association, candidate.score, -math.inf, -math.inf, 0.0, failure=reason

@@ -70,7 +70,10 @@ class UnsolvedError(ArithmeticError):
 
 
 class TrappedError(UnsolvedError):
-    """A landmark that the optimiser put on an observation point."""
+    """Where the optimiser over positions leads, and the density over log ranges may not.
+
+    A landmark on an observation point, or a robot that goes backwards along its line.
+    """
 
 
 def solve_association(
@@ -87,13 +90,13 @@ def solve_association(
     `evidence` says how the evidence is computed, see `mht_slam.graph.refine.refine`. `start`, poses
     (m, 3) and landmarks (n, 2) in any unit, saves looking for one. `pool`, the factors of this
     problem, saves making them for every association. `rescue` says whether an optimum over
-    positions on an observation point is followed by that look over log ranges; without it
-    `TrappedError` is raised.
+    positions on an observation point, or behind the robot, is followed by that look over log
+    ranges; without it `TrappedError` is raised.
 
-    With wandering headings the optimum over positions may lie on an observation point, where a
-    landmark explains any bearing. The optimum over bearings and log ranges is taken then; Laplace
-    at that point is Laplace in those coordinates, because the Jacobians cancel. With motion other
-    than ``straight`` it is always taken: far landmarks are less skewed there, too.
+    The optimum over positions may lie on an observation point, where a landmark explains any
+    bearing, or where the robot goes backwards. The optimum over bearings and log ranges is taken
+    then; Laplace at that point is Laplace in those coordinates, because the Jacobians cancel. With
+    motion other than ``straight`` it is always taken: far landmarks are less skewed there, too.
 
     Raises `UnsolvedError` where the optimiser fails from every start, a number is not finite, a
     landmark lies behind a bearing that sees it, the robot goes backwards, or the Hessian is
@@ -131,7 +134,7 @@ def _solve_ranged(
     starts = starting_points(problem, table) if given is None else [given]
     optima, failures = _optima(subject, starts, in_log_range=not on_line)
     traps = [failure for failure in failures if isinstance(failure, TrappedError)]
-    if traps and not optima:
+    if traps and not optima and on_line:
         if not rescue:
             raise traps[0]
         rescued, _ = _optima(subject, starts, in_log_range=True)
@@ -195,14 +198,9 @@ def _optimise(
     Those are the step priors and, with `in_log_range`, the volumes of `optimise_in_log_range`.
     """
     pool, problem, sightings = subject.pool, subject.problem, subject.sightings
-    keys = pool.keys(len(landmarks))
     values = pool.values(poses, landmarks)
     with_volumes: gtsam.NonlinearFactorGraph | None = None
-    anchors: list[tuple[int, int]] = []
-    if in_log_range:
-        ranges, _ = ranges_and_residuals(poses, landmarks, sightings.bearings, sightings.seen)
-        nearest = ranges.argmin(axis=1).tolist()
-        anchors = [(keys.scans[k], key) for k, key in zip(nearest, keys.landmarks, strict=True)]
+    anchors = _anchors(subject, poses, landmarks) if in_log_range else []
     steps = _steps(problem, poses)
     linearised = pool.linearised(subject.unlinearised, poses)
     for _ in range(MAX_RELINEARISATIONS):
@@ -302,6 +300,26 @@ def _with_single_sightings(
     )
 
 
+def _anchors(subject: _Subject, poses: FloatArray, landmarks: FloatArray) -> list[tuple[int, int]]:
+    """Keys of the pose from which each landmark's log range is taken: the nearest that sees it.
+
+    On one line a landmark between two observation points, nearer to both than they are to each
+    other, gets both. From one alone it may be driven onto the other; in bipolar coordinates, whose
+    area is the product of the two, both are infinitely far away.
+    """
+    sightings, keys = subject.sightings, subject.pool.keys(len(landmarks))
+    ranges, _ = ranges_and_residuals(poses, landmarks, sightings.bearings, sightings.seen)
+    order = ranges.argsort(axis=1, kind="stable")
+    on_line = subject.problem.model.motion == "straight"
+    anchors = []
+    for row, (nearest, second) in enumerate(order[:, :2].tolist()):
+        anchors.append((keys.scans[nearest], keys.landmarks[row]))
+        apart = math.dist(poses[nearest, :2], poses[second, :2])
+        if on_line and ranges[row, second] < apart:
+            anchors.append((keys.scans[second], keys.landmarks[row]))
+    return anchors
+
+
 def _steps(problem: Problem, poses: FloatArray) -> FloatArray:
     """Distances of the problem's free steps; raises where two poses coincide."""
     steps = problem.free_lengths(poses)
@@ -332,7 +350,7 @@ def _check_sides(problem: Problem, residuals: FloatArray, poses: FloatArray) -> 
         (x, y, heading), (next_x, next_y, _) = rows[a], rows[b]
         heading = 0.0 if on_one_line else heading
         if math.cos(heading) * (next_x - x) + math.sin(heading) * (next_y - y) <= 0.0:
-            raise UnsolvedError(f"the robot goes backwards from scan {a} to scan {b}")
+            raise TrappedError(f"the robot goes backwards from scan {a} to scan {b}")
 
 
 def _check_ranges(problem: Problem, ranges: FloatArray) -> None:

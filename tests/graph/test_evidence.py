@@ -11,7 +11,14 @@ import pytest
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t, norm
 
-from mht_slam import Association, ObservationModel, Posterior, StraightRun, refine
+from mht_slam import (
+    Association,
+    ObservationModel,
+    Posterior,
+    StraightRun,
+    evidence_by_quadrature,
+    refine,
+)
 from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.evidence.landmark_integral import log_landmark_integral
 from mht_slam.measurements import BearingScan
@@ -153,3 +160,27 @@ def noiseless_scans(landmarks: FloatArray, along: list[float]) -> tuple[BearingS
     return tuple(
         BearingScan(bearings_and_ranges(np.array([x, 0.0, 0.0]), landmarks)[0]) for x in along
     )
+
+
+TRAPS = {
+    "a landmark on the path": (
+        [[0.33502, -0.01019, 2.1347], [2.44851, -0.00715, 0.38036], [3.11689, 2.47955, 0.57685]],
+        [[0, 2, 2], [1, 1, 0], [2, 0, 1]],
+    ),
+    "an optimum behind the second scan": (
+        [[-2.63398, 0.14203, -0.03122], [0.0668, 0.15662, -2.55439], [0.16688, 0.10807, -2.52006]],
+        [[0, 2, 2], [1, 0, 0], [2, 1, 1]],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", TRAPS)
+def test_what_traps_the_optimiser_over_positions_still_gets_its_evidence(case: str) -> None:
+    bearings, table = TRAPS[case]
+    run = StraightRun([BearingScan(b) for b in bearings])
+    model = ObservationModel(sigma=math.radians(5.0) / math.sqrt(3.0))
+    association = Association(table, (3, 3, 3))
+    exact = evidence_by_quadrature(run, [association], model=model)[0]
+    solved = refine(run, [association], model=model)[0]
+    assert solved.failure is None
+    assert solved.log_evidence == pytest.approx(exact.log_evidence, abs=0.01)
