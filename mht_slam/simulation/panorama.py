@@ -28,8 +28,8 @@ _GRASS_GRAIN = 1.2
 """Standard deviation of the blur that makes tufts of independent pixels, pixels."""
 _ROWS_PER_ROW = 4
 _FINE = 2
-"""Columns and rows of the panorama behind a ring, per pixel of its outer circle."""
-_RING_SAMPLES = 3
+"""Columns of the panorama behind a ring, per pixel of its outer circle."""
+_RING_SAMPLES = 2
 """Samples per pixel of a ring and axis."""
 
 DEFAULT_CAMERA = PanoramaCamera()
@@ -148,7 +148,7 @@ def render_ring(
     if ring is None:
         raise OptionError("camera.ring is None: give the ring to draw, or render a panorama")
     width = _FINE * math.ceil(2.0 * math.pi * ring.outer_radius)
-    height = _FINE * math.ceil(ring.outer_radius - ring.inner_radius)
+    height = math.ceil(ring.outer_radius - ring.inner_radius)
     fine = _clean_panorama(pose, list(bodies), rng, view, camera, width, height)
     return _developed(_bent(fine, ring), view, rng, around=False)
 

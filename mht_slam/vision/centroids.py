@@ -8,8 +8,7 @@ import numpy as np
 from scipy.ndimage import (
     binary_dilation,
     binary_erosion,
-    distance_transform_edt,
-    uniform_filter,
+    gaussian_filter,
 )
 
 from mht_slam.arrays import BoolArray, FloatArray
@@ -34,8 +33,8 @@ TOUCHING_SPREAD = 0.05
 """Standard deviation added to a blob cut from its neighbour, widths."""
 
 _MAD_TO_SIGMA = 1.4826
-_SHADING_SCALE = 3
-"""Side of the square over which a blob's own colour is averaged, pixels."""
+_NEARBY = 1.0
+"""Standard deviation of the weights of a blob's pixels in the colour of its rim, pixels."""
 
 
 @dataclass(frozen=True)
@@ -115,14 +114,13 @@ def _coverage(blob: Blob, colours: FloatArray, core: BoolArray) -> tuple[FloatAr
     # From one pixel to the next: something else in the background is no noise.
     steps = np.diff(along, axis=1)[frame[:, 1:] & frame[:, :-1]]
     noise = _MAD_TO_SIGMA * float(np.median(np.abs(steps))) / 2.0**0.5 if len(steps) else 0.0
-    contrast = np.maximum(_nearest_inside(along, inside) - level, 1e-6)
+    contrast = np.maximum(_nearby_inside(along, inside) - level, 1e-6)
     return (along - level) / contrast, noise / float(np.median(contrast[inside]))
 
 
-def _nearest_inside(values: FloatArray, inside: BoolArray) -> FloatArray:
-    """Local mean (h, w) at the nearest pixel inside: light from one side shades a cone."""
-    weight = uniform_filter(inside.astype(np.float64), _SHADING_SCALE)
-    mean = uniform_filter(np.where(inside, values, 0.0), _SHADING_SCALE)
-    mean = np.where(inside, mean / np.maximum(weight, 1e-12), 0.0)
-    nearest = distance_transform_edt(~inside, return_distances=False, return_indices=True)
-    return np.asarray(mean[tuple(nearest)])
+def _nearby_inside(values: FloatArray, inside: BoolArray) -> FloatArray:
+    """Mean (h, w) of the values inside that are near: light from one side shades a cone."""
+    weight = gaussian_filter(inside.astype(np.float64), _NEARBY)
+    total = gaussian_filter(np.where(inside, values, 0.0), _NEARBY)
+    elsewhere = float(np.median(values[inside]))
+    return np.where(weight > 1e-9, total / np.maximum(weight, 1e-9), elsewhere)
