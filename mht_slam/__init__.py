@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from mht_slam.tracking.zones import order_changes as order_changes
     from mht_slam.tracking.zones import zone as zone
     from mht_slam.tree.effort import Effort as Effort
+    from mht_slam.triangulation import Triangulation as Triangulation
+    from mht_slam.triangulation import triangulate as triangulate
 
 _HOME = {
     "Association": "association",
@@ -72,6 +74,7 @@ _HOME = {
     "StraightRun": "measurements",
     "TightestAssociation": "consistency.tightest",
     "TrackerConfig": "tracking.options",
+    "Triangulation": "triangulation",
     "apparent_angles": "tracking.order",
     "compare": "comparison",
     "consistent_associations": "consistency.consistent_set",
@@ -86,6 +89,7 @@ _HOME = {
     "smallest_epsilon": "consistency.tightest",
     "solve": "pipeline",
     "tightest_association": "consistency.tightest",
+    "triangulate": "triangulation",
     "visual_order": "tracking.order",
     "zone": "tracking.zones",
 }

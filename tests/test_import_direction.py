@@ -49,6 +49,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "factors": set(),
     "graph": {*FOUNDATION, "consistency", "evidence", "factors"},  # polygon would bring shapely
     "tree": {*FOUNDATION, "evidence", "factors", "graph"},
+    "triangulation": {*FOUNDATION, "polygon"},
     "tracking": {*FOUNDATION, "consistency"},  # graph would bring GTSAM along
     "pipeline": {*FOUNDATION, *MAIN_JOB},
     "fitting": {*FOUNDATION, "evidence", "graph", "tree"},

@@ -33,6 +33,7 @@ CONTRACT = [
     "StraightRun",
     "TightestAssociation",
     "TrackerConfig",
+    "Triangulation",
     "apparent_angles",
     "compare",
     "consistent_associations",
@@ -47,6 +48,7 @@ CONTRACT = [
     "smallest_epsilon",
     "solve",
     "tightest_association",
+    "triangulate",
     "visual_order",
     "zone",
 ]
