@@ -104,7 +104,7 @@ DEFAULT_VIEW = View()
 def cones_at(landmarks: npt.ArrayLike) -> list[Body]:
     """Return an orange cone of the default size at each of the (n, 2) places."""
     places = finite_array(landmarks, "landmarks", OptionError, remedy="give x, y of each cone")
-    if places.ndim != 2 or places.shape[1] != 2:
+    if places.size and (places.ndim != 2 or places.shape[1] != 2):
         raise OptionError(f"landmarks has shape {places.shape}: give (n, 2)")
     return [Body(x, y) for x, y in places.tolist()]
 
