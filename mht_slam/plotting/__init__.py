@@ -9,3 +9,6 @@ from mht_slam.plotting.landmark_map import landmark_map_figure as landmark_map_f
 from mht_slam.plotting.pair_cells import cells_figure as cells_figure
 from mht_slam.plotting.run_map import run_map_figure as run_map_figure
 from mht_slam.plotting.score_comparison import comparison_figure as comparison_figure
+from mht_slam.plotting.tracks import tracks_figure as tracks_figure
+from mht_slam.plotting.zones import order_changes_figure as order_changes_figure
+from mht_slam.plotting.zones import zones_figure as zones_figure

@@ -22,7 +22,7 @@ class Exchange:
 
     Attributes
     ----------
-    before, after : the scans; no scan between them sees both landmarks.
+    before, after : the scans; no scan between them sees both landmarks, at different bearings.
     pair : rows (i, j), i < j, of the association's table.
     """
 
@@ -35,7 +35,7 @@ def exchanges(scans: Sequence[BearingScan], association: Association) -> tuple[E
     """List every exchange of two landmarks in the visual order, in the order of the scans.
 
     Two bearings have exchanged places where the one that was counter-clockwise of the other is
-    clockwise of it at the next scan that sees both, less than 90 degrees away at both. Raises
+    clockwise of it at the next scan that sees both apart, less than 90 degrees away at both. Raises
     `AssociationError` unless the association is over these scans. Source: docs/method.md,
     section 6.
     """
@@ -54,6 +54,7 @@ def exchanges(scans: Sequence[BearingScan], association: Association) -> tuple[E
     for i, j in combinations(range(len(table)), 2):
         both = np.flatnonzero(np.isfinite(bearings[i]) & np.isfinite(bearings[j]))
         ahead = wrap_angle(bearings[j, both] - bearings[i, both])
+        both, ahead = both[ahead != 0.0], ahead[ahead != 0.0]
         near = np.abs(ahead) < SIDE_BY_SIDE
         crossed = near[:-1] & near[1:] & (ahead[:-1] * ahead[1:] < 0.0)
         found += [Exchange(int(both[k]), int(both[k + 1]), (i, j)) for k in np.flatnonzero(crossed)]
