@@ -38,19 +38,6 @@ READERS: dict[str, Callable[[], list[LabelledRun]]] = {
 """The sets, and how their runs are read."""
 HALVES = ("tuning", "scored")
 
-_CAMERA = ms.ObservationModel(
-    sigma=np.deg2rad(0.148),
-    motion="smooth",
-    turn_sigma=np.deg2rad(3.14),
-    drift_sigma=np.deg2rad(4.41),
-    step_change_sigma=0.096,
-    landmark_sigma=12.9,
-    detection_probability=0.97,
-    false_alarm_rate=0.02,
-    expected_landmarks=19.4,
-    stay_probability=0.908,
-    field_of_view=np.deg2rad(110.0),
-)
 MODELS = {
     STRICT: ms.ObservationModel(
         sigma=np.deg2rad(0.35),
@@ -61,30 +48,15 @@ MODELS = {
         step_change_sigma=0.15,
         landmark_sigma=20.0,
     ),
-    RELAXED: _CAMERA,
-    SHORT: _CAMERA,
-    PARK: ms.ObservationModel(
-        sigma=np.deg2rad(0.12),
-        bearing_dof=4.0,
-        motion="smooth",
-        turn_sigma=np.deg2rad(1.0),
-        drift_sigma=np.deg2rad(5.5),
-        step_change_sigma=0.06,
-        stops=True,
-        landmark_sigma=35.0,
-        detection_probability=0.8,
-        false_alarm_rate=0.15,
-        expected_landmarks=22.0,
-        stay_probability=0.97,
-        field_of_view=np.deg2rad(182.0),
-    ),
+    RELAXED: ms.presets.forward_camera(),
+    SHORT: ms.presets.forward_camera(),
+    PARK: ms.presets.laser(),
 }
 """What the estimator assumes of each set, from the tuning halves only.
 
-The camera's model is fitted without labels by ``fit_models.py``, with Gaussian bearings. `STRICT`
-has no detections to leave out, hence the heavier noise of the recording's description; of three
-such models it did best on the tuning half, by one run. Victoria Park's is that fit rounded, with
-detection and visibility between it and what ``label_statistics.py`` counts in the labels.
+Most are presets, which say where their numbers come from. `STRICT` has no detections to leave out,
+hence the heavier noise of the recording's description; of three such models it did best on the
+tuning half, by one run.
 """
 ESTIMATOR_CODE = (
     "mht_slam.models",
