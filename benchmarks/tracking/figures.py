@@ -19,7 +19,7 @@ from mht_slam.plotting import order_changes_figure, tracks_figure, zones_figure
 PENTAGON = ((0.0, 0.0), (4.0, -0.5), (5.0, 3.0), (2.0, 4.5), (-1.0, 2.5))
 ALL_AROUND = ((-4.0, -3.0), (4.0, -3.0), (4.0, 5.0), (0.0, 5.4), (-4.0, 5.0), (0.0, 2.0))
 """The last one stands before the others: not in convex position."""
-PATH = ((-7.5, -2.5), (-2.0, -1.2), (2.5, 0.8), (7.0, 6.5))
+PATH = ((-7.5, -2.5), (-2.0, -1.2), (2.5, 0.8), (8.5, 4.2))
 RUN = Setting("scatter", "lawnmower", step=0.1, n_landmarks=8, sigma_deg=0.5)
 SEED = 3
 
