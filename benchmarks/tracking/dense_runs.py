@@ -1,6 +1,7 @@
 """Dense simulated runs: who keeps identities best, over steps, landmarks, noise, paths and worlds.
 
-    python benchmarks/tracking/dense_runs.py [--output DIR] [--workers N] [--runs N] [--quick]
+    python benchmarks/tracking/dense_runs.py [--output DIR] [--workers N] [--runs N]
+        [--world WORLD ...] [--path PATH ...] [--base]
 
 Every row of the study varies one thing about a base setting: .1 m a scan, 10 landmarks, .5 deg;
 always 100 scans, 5 % misses and 3 % false alarms. Trivial trackers get the gate and gap of the
@@ -82,7 +83,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parse(arguments)
     options.output.mkdir(parents=True, exist_ok=True)
     path, code = options.output / "rows.csv", code_version()
-    wanted = [BASE, replace(BASE, world="scatter")] if options.quick else list(settings())
+    wanted = [
+        setting
+        for setting in settings()
+        if setting.world in options.world
+        and setting.path in options.path
+        and not (options.base and setting != replace(BASE, world=setting.world, path=setting.path))
+    ]
     known = [row for row in read_rows(path) if row["code"] == code]
     done = {(row["setting"], row["run"]) for row in known}
     missing = [s for s in wanted if any((s.name, f"{r}") not in done for r in range(options.runs))]
@@ -226,7 +233,9 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--output", type=Path, default=Path("runs/dense_runs"))
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--runs", type=int, default=10, help="scored runs of each row")
-    parser.add_argument("--quick", action="store_true", help="the base setting in both worlds")
+    parser.add_argument("--world", nargs="+", choices=WORLDS, default=list(WORLDS))
+    parser.add_argument("--path", nargs="+", choices=PATHS, default=list(PATHS))
+    parser.add_argument("--base", action="store_true", help="the base settings alone")
     return parser.parse_args(arguments)
 
 
