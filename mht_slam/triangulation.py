@@ -23,18 +23,18 @@ class Triangulation:
 
     Attributes
     ----------
-    rows : (n,) rows of the association that both scans see; everything below is in their order.
-    points : (n, 2) where the two rays meet; nan where they do not.
-    covariances : (n, 2, 2) of the points, to first order in the bearing noise; nan where none.
-    meets : (n,) whether the rays meet in front of the robot.
+    rows : (n,) rows of the association that both scans see.
+    meets : (n,) whether their rays meet, neither parallel nor behind the robot.
+    points : (k, 2) where they meet, of the k rows ``rows[meets]``.
+    covariances : (k, 2, 2) of the points, to first order in the bearings' noise.
     cells : n shapely polygons, the paper's: where both cones meet; empty where they do not.
     unbounded : (n,) whether the cell was cut at `max_range`, for it reaches beyond.
     """
 
     rows: IntArray
+    meets: BoolArray
     points: FloatArray
     covariances: FloatArray
-    meets: BoolArray
     cells: tuple[Any, ...]
     unbounded: BoolArray
 
@@ -88,9 +88,9 @@ def triangulate(
     own = np.arange(len(rows))
     return Triangulation(
         rows=freeze(rows),
-        points=freeze(points),
-        covariances=freeze(covariances),
         meets=freeze(meets),
+        points=freeze(points[meets]),
+        covariances=freeze(covariances[meets]),
         cells=tuple(regions.polygons[own, own]),
         unbounded=freeze(regions.cut[own, own]),
     )
@@ -111,8 +111,6 @@ def _meeting_points(
         covariances += variance2[:, None, None] * by_second[:, :, None] * by_second[:, None, :]
     finite = np.isfinite(covariances).all(axis=(1, 2))
     meets = finite & (range1 > 0.0) & (range2 > 0.0)
-    points[~meets] = np.nan
-    covariances[~meets] = np.nan
     return points, covariances, np.asarray(meets)
 
 

@@ -18,6 +18,9 @@ Zone: TypeAlias = Literal["A", "B", "C"]
 MIN_LANDMARKS = 3
 """Fewest landmarks with an inside."""
 
+FARTHEST = 1e100
+"""Coordinates whose products are still numbers."""
+
 ROUNDING = 1e-12
 """Places closer than this share of the layout's extent are one place."""
 
@@ -69,6 +72,7 @@ def zone(point: npt.ArrayLike, landmarks: npt.ArrayLike) -> Zone:
     place = finite_array(point, "point", OptionError, remedy="give two coordinates")
     if place.shape != (2,):
         raise OptionError(f"point has shape {place.shape}: give two coordinates")
+    place = _points(place[None], "point")[0]
     corners = convex_corners(landmarks)
     if (corners == place).all(axis=1).any():
         raise OptionError("point is on a landmark: there it has no bearing")
@@ -173,6 +177,8 @@ def _points(value: npt.ArrayLike, name: str) -> FloatArray:
         return points.reshape(0, 2)
     if points.ndim != 2 or points.shape[1] != 2:
         raise OptionError(f"{name} has shape {points.shape}: give rows of two coordinates")
+    if np.abs(points).max() > FARTHEST:
+        raise OptionError(f"{name} reaches beyond {FARTHEST:g}: give another unit of length")
     return points
 
 
