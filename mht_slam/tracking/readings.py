@@ -97,16 +97,19 @@ def extended(
     return sorted(children, key=lambda reading: -reading.log_weight)
 
 
-def kept(group: Group, scan: int, config: TrackerConfig) -> Group:
-    """Keep the best readings that agree with the very best on all but the last few scans."""
-    best = group[0]
-    near = [r for r in group if r.log_weight >= best.log_weight - config.drop]
-    near = near[: config.n_alternatives]
-    final = scan - config.window
-    if len(near) == 1 or final < 0:
-        return near
+def likely(group: Group, config: TrackerConfig) -> Group:
+    """Keep the best few readings."""
+    best = group[0].log_weight
+    return [r for r in group if r.log_weight >= best - config.drop][: config.n_alternatives]
+
+
+def agreeing(group: Group, scan: int, config: TrackerConfig) -> Group:
+    """Keep the readings that agree with the best one on all but the last few scans."""
+    best, final = group[0], scan - config.window
+    if len(group) == 1 or final < 0:
+        return group
     decided = _detections_at(best, final)
-    return [r for r in near if r is best or _detections_at(r, final) == decided]
+    return [r for r in group if r is best or _detections_at(r, final) == decided]
 
 
 def identity_risk(before: Group, after: Group) -> dict[int, float]:
@@ -127,6 +130,14 @@ def identity_risk(before: Group, after: Group) -> dict[int, float]:
         for number, last_seen in before[0].ends
         if given_up
     }
+
+
+def still_right(sure: float, risk: float) -> float:
+    """Probability that an identity is right after one more exchange that may have happened.
+
+    Two exchanges of the same two tracks undo each other.
+    """
+    return sure * (1.0 - risk) + (1.0 - sure) * risk
 
 
 def split(group: Group) -> tuple[list[Group], list[Track]]:

@@ -15,10 +15,12 @@ from mht_slam.tracking.kept_order import next_order
 from mht_slam.tracking.options import TrackerConfig
 from mht_slam.tracking.readings import (
     Group,
+    agreeing,
     extended,
     identity_risk,
-    kept,
+    likely,
     split,
+    still_right,
 )
 from mht_slam.tracking.scan_step import ScanStep
 from mht_slam.tracking.tracks import Track
@@ -114,10 +116,12 @@ class OrderTracker:
     def track_probabilities(self) -> FloatArray:
         """(n_landmarks,) for each row of `association` how probable its identity is.
 
-        That is the probability, among all readings that were ever kept side by side, that the
-        track's latest detection and its first are one landmark: 1 minus the weight of the readings
-        in which that detection belongs to another track. A detection lent to a neighbour in between
-        does not count. With ``mode="paper"``, which keeps one reading, all are 1.
+        That is the probability that the track's latest detection and its first are one landmark,
+        among the readings kept side by side: whenever a decision became final, the weight of the
+        readings given up in which that detection belongs to another track counts against it. A
+        detection lent to a neighbour in between does not. Two doubtful exchanges may undo each
+        other, so that long doubt between two landmarks ends at one half. With ``mode="paper"``,
+        which keeps one reading, all are 1.
         """
         certainty = {tuple(row): probability for row, probability in self._rows()}
         rows = self.association.table.tolist()
@@ -126,10 +130,10 @@ class OrderTracker:
     def _read(self, step: ScanStep) -> None:
         groups: list[Group] = []
         for group, detections in regrouped(self._groups, step, self._config):
-            readings = extended(group, detections, step, self._config)
-            after = kept(readings, step.number, self._config)
+            readings = likely(extended(group, detections, step, self._config), self._config)
+            after = agreeing(readings, step.number, self._config)
             for number, risk in identity_risk(readings, after).items():
-                self._certainty[number] = self._certainty.get(number, 1.0) * (1.0 - risk)
+                self._certainty[number] = still_right(self._certainty.get(number, 1.0), risk)
             parts, ended = split(after)
             groups += parts
             self._ended += ended
@@ -153,5 +157,5 @@ class OrderTracker:
                 for scan, detection in track.detections().items():
                     row[scan] = detection
                 sure = self._certainty.get(track.number, 1.0)
-                rows.append((row, sure * (1.0 - doubt.get(track.number, 0.0))))
+                rows.append((row, still_right(sure, doubt.get(track.number, 0.0))))
         return rows
