@@ -37,11 +37,19 @@ class Reading:
         """Those that go on and those that have ended."""
         return self.tracks + self.ended
 
+    def joined_by(self, log_weight: float) -> Reading:
+        """Return the reading with the weight of another one added."""
+        total = float(np.logaddexp(self.log_weight, log_weight))
+        return Reading(total, self.tracks, self.ended)
+
     @property
     def ends(self) -> set[tuple[int, tuple[int, int]]]:
         """Number and latest detection of every track: who is who by now."""
         return {(track.number, track.last_seen) for track in self.all_tracks}
 
+
+N_RECENT = 3
+"""Scans on which two readings must agree to be taken for one."""
 
 Group: TypeAlias = list[Reading]
 """Readings of the same detections, the most probable first."""
@@ -98,9 +106,19 @@ def extended(
 
 
 def likely(group: Group, config: TrackerConfig) -> Group:
-    """Keep the best few readings."""
-    best = group[0].log_weight
-    return [r for r in group if r.log_weight >= best - config.drop][: config.n_alternatives]
+    """Keep the best few readings, of those that agree by now on who is who the best.
+
+    Readings that agree on the last scans differ in a detection lent before; their weights add up,
+    or an ambiguity that lasts would fill the list with them.
+    """
+    best_of: dict[frozenset[tuple[int, ...]], Reading] = {}
+    for reading in group:
+        key = frozenset(_recently(track) for track in reading.all_tracks)
+        known = best_of.get(key)
+        best_of[key] = reading if known is None else known.joined_by(reading.log_weight)
+    kept = sorted(best_of.values(), key=lambda reading: -reading.log_weight)
+    least = kept[0].log_weight - config.drop
+    return [reading for reading in kept[: config.n_alternatives] if reading.log_weight >= least]
 
 
 def agreeing(group: Group, scan: int, config: TrackerConfig) -> Group:
@@ -157,6 +175,18 @@ def split(group: Group) -> tuple[list[Group], list[Track]]:
         ]
         groups.append(left)
     return groups, ended
+
+
+def _recently(track: Track) -> tuple[int, ...]:
+    """Number of a track, the scan it is at, and its detections in the last few scans."""
+    found = [track.number, track.scan]
+    at: Track | None = track
+    for _ in range(N_RECENT):
+        if at is None:
+            break
+        found.append(at.detection)
+        at = at.parent
+    return tuple(found)
 
 
 def _detections_at(reading: Reading, scan: int) -> set[tuple[int, int]]:

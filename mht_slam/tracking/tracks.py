@@ -22,6 +22,10 @@ SMALLEST_NOISE = 1e-3
 """What prediction adds at least to bearing and nearness, so that no filter freezes."""
 CLOSEST = 1e-2
 """Predictions take no landmark for closer than this share of a step."""
+HEAD_ON = 0.2
+"""Predictions bring no landmark of unknown range nearer than this: five steps."""
+UNKNOWN = 0.3
+"""A range is unknown whose nearness has more than this share of itself as standard deviation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +117,12 @@ def carry_on(track: Track, config: TrackerConfig) -> Prediction:
             ],
         ]
     )
-    size = abs(nearness) + math.sqrt(float(track.covariance[1, 1]))
+    spread = math.sqrt(float(track.covariance[1, 1]))
+    if spread > UNKNOWN * abs(nearness) and moved[1] > max(nearness, HEAD_ON):
+        # Straight ahead bearings tell no range: that a landmark has been passed must be seen.
+        moved[1] = max(nearness, HEAD_ON)
+        jacobian[1] = 0.0, 1.0
+    size = abs(nearness) + spread
     noise = np.diag(
         [
             (config.drift_sigma * size) ** 2 + SMALLEST_NOISE**2,

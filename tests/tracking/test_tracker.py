@@ -39,7 +39,7 @@ def tracked(scans: Sequence[BearingScan], config: TrackerConfig | None = None) -
     return tracker
 
 
-@settings(max_examples=12, suppress_health_check=FIXTURE)
+@settings(max_examples=12, deadline=None, suppress_health_check=FIXTURE)
 @given(SEEDS, st.sampled_from([0.0, 0.03, -0.08]))
 def test_noiseless_tracks_exchange_places_exactly_where_geometry_says(
     dense_run: DenseRun, seed: int, bend: float
@@ -84,7 +84,7 @@ def test_the_paper_rule_suffices_outside_landmarks_in_convex_position() -> None:
         assert tracked(scans, config).association == truth
 
 
-@settings(max_examples=8, suppress_health_check=FIXTURE)
+@settings(max_examples=8, deadline=None, suppress_health_check=FIXTURE)
 @given(SEEDS)
 def test_the_order_of_the_detections_tells_nothing(dense_run: DenseRun, seed: int) -> None:
     scene = dense_run(seed, sensor=NOISY, n_scans=20)
@@ -100,7 +100,7 @@ def test_the_order_of_the_detections_tells_nothing(dense_run: DenseRun, seed: in
     assert sorted(again.track_probabilities) == pytest.approx(sorted(found.track_probabilities))
 
 
-@settings(max_examples=8, suppress_health_check=FIXTURE)
+@settings(max_examples=8, deadline=None, suppress_health_check=FIXTURE)
 @given(SEEDS)
 def test_a_mirrored_world_is_tracked_alike(dense_run: DenseRun, seed: int) -> None:
     scene = dense_run(seed, sensor=NOISY, n_scans=20, bend=0.02)

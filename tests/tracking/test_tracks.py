@@ -20,9 +20,9 @@ STEPS = st.floats(0.01, 0.3)
 
 
 def at(bearing: float, nearness: float) -> Track:
-    track = begin(0, 0, 0, bearing, VARIANCE, CONFIG)
-    mean = np.array([bearing, nearness])
-    return Track(0, 0, 0, mean, track.covariance, 1.0, 1, (0, 0), None)
+    """A track of well-known range."""
+    mean, covariance = np.array([bearing, nearness]), np.diag([VARIANCE, (0.1 * nearness) ** 2])
+    return Track(0, 0, 0, mean, covariance, 1.0, 1, (0, 0), None)
 
 
 @given(PLACES, STEPS)
@@ -88,3 +88,10 @@ def test_misses_wear_a_track_out_and_a_detection_restores_it() -> None:
     assert (again.n_seen, again.last_seen) == (2, (9, 4))
     assert again.detections() == {9: 4, 0: 0}
     assert track.detection == MISSED
+
+
+def test_a_landmark_straight_ahead_stays_ahead_until_it_is_seen_elsewhere() -> None:
+    track = begin(0, 0, 0, 0.001, VARIANCE, CONFIG)
+    for k in range(1, 200):
+        track = see(carry_on(track, CONFIG), k, 0, 0.001, VARIANCE)
+        assert abs(track.mean[0]) < 0.01
