@@ -54,7 +54,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "pipeline": {*FOUNDATION, *MAIN_JOB},
     "fitting": {*FOUNDATION, "evidence", "graph", "tree"},
     "incremental": {*FOUNDATION, *MAIN_JOB},
-    "evaluation": {*FOUNDATION, *MAIN_JOB, "incremental"},
+    "evaluation": {*FOUNDATION, *MAIN_JOB, "incremental", "simulation"},  # the bench draws scenes
     "plotting": {*FOUNDATION, *MAIN_JOB, "incremental", "evaluation", "vision"},
     "cli": {*FOUNDATION, *READERS_OF_THE_VALUES, *MAIN_JOB, *AROUND_IT, "presets"},
 }
@@ -66,6 +66,7 @@ ONLY_IN = {
     "numba": {"compiled"},
     "skimage": {"vision"},
     "matplotlib": {"plotting", "cli"},
+    "pyarrow": {"evaluation"},
     "rich": {"cli"},
     "tyro": {"cli"},
 }
