@@ -25,6 +25,8 @@ from mht_slam.measurements import RunPair, StraightRun
 from mht_slam.models import ObservationModel
 from mht_slam.polygon.ranking import rank
 from mht_slam.progress import Progress
+from mht_slam.tracking.regime import is_dense
+from mht_slam.tracking.whole_run import tracked_alternatives
 from mht_slam.tree.effort import Effort
 from mht_slam.tree.search import search_all_scans
 
@@ -50,12 +52,14 @@ class Solution:
     comparison : of the ranking and the graphs' posterior over the ranked scans.
     seeds : the graphs' posterior over the ranked scans, from which a search over more scans set
         out; None where there are no more.
+    tracked : whether the associations of all scans come from tracking a dense run.
     """
 
     ranking: Ranking
     posterior: Posterior
     comparison: Comparison
     seeds: Posterior | None = None
+    tracked: bool = False
 
 
 def solve(
@@ -80,7 +84,9 @@ def solve(
 
     Three scans are ranked and refined. A longer run goes on from there: the refined associations of
     its first three scans, and those that a hypothesis tree finds without polygons, are extended
-    scan by scan, and the best are refined over all scans.
+    scan by scan, and the best are refined over all scans. A dense run, whose bearings hardly move
+    between many scans, is tracked instead, and only where tracking is ambiguous hypotheses remain:
+    the tracker's best readings are refined over all scans (`mht_slam.tracking.regime.is_dense`).
 
     Parameters
     ----------
@@ -94,7 +100,8 @@ def solve(
     heading_sigma, lateral_sigma, model, evidence, executor : as in `mht_slam.refine`.
     max_range : baselines of each pair of scans at which the polygon method cuts its cells.
     scans : three scans of a straight run to solve alone; None solves all of them.
-    effort : how hard the tree searches; None means `Effort()`.
+    effort : how hard the tree searches, and how many readings of a dense run are refined (`keep`);
+        None means `Effort()`.
     truth : the true association over the scans that are solved, for the comparison only.
     progress : called as ``progress(done, total)``, of scans in the tree and then of candidates.
 
@@ -144,10 +151,23 @@ def solve(
     comparison = compare(ranking, seeds, truth)
     if not longer or isinstance(run, RunPair):
         return Solution(ranking, seeds, comparison)
-    posterior = _over_all_scans(
-        run, seeds, full_model, evidence, scale, effort or Effort(), executor, progress
-    )
-    return Solution(ranking, posterior, comparison, seeds)
+    chosen = effort or Effort()
+    tracked = _tracked(run, full_model, chosen)
+    if tracked:
+        posterior = refine(
+            run,
+            tracked,
+            model=full_model,
+            evidence=evidence,
+            scale=scale,
+            executor=executor,
+            progress=progress,
+        )
+    else:
+        posterior = _over_all_scans(
+            run, seeds, full_model, evidence, scale, chosen, executor, progress
+        )
+    return Solution(ranking, posterior, comparison, seeds, tracked=bool(tracked))
 
 
 def _ranking(
@@ -185,6 +205,19 @@ def _ranking(
             epsilon=enlarged,
             options={"not_ranked": str(cause)},
         )
+
+
+def _tracked(run: StraightRun, model: ObservationModel, effort: Effort) -> list[Association]:
+    """Readings of a dense run; none of a run that the tree is to search.
+
+    That is any other run, one with known identities, and one of which no reading has every landmark
+    in every scan while the model says nothing of misses.
+    """
+    labelled = any(scan.labels is not None for scan in run.scans)
+    if labelled or not is_dense(run):
+        return []
+    readings = tracked_alternatives(run, model, effort.keep)
+    return [a for a in readings if a.n_landmarks and (model.compares_sizes or a.is_full)]
 
 
 def _over_all_scans(

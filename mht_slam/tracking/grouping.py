@@ -36,7 +36,7 @@ def regrouped(
         members.setdefault(_leader(leader, place), []).append(place)
     joined = [
         (
-            merged([groups[place] for place in places], config),
+            merged([groups[place] for place in places], config.n_alternatives),
             sorted(set().union(*(wanted[place] for place in places))),
         )
         for places in members.values()

@@ -62,14 +62,14 @@ def probabilities(group: Sequence[Reading]) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
-def merged(groups: Sequence[Group], config: TrackerConfig) -> Group:
-    """Join groups that may share a detection: the best choices of one reading from each."""
-    joint = groups[0]
+def merged(groups: Sequence[Group], most: int) -> Group:
+    """Join groups: the best choices of one reading from each, at most so many."""
+    joint = groups[0][:most]
     for group in groups[1:]:
         pairs = sorted(product(joint, group), key=lambda p: -p[0].log_weight - p[1].log_weight)
         joint = [
             Reading(a.log_weight + b.log_weight, a.tracks + b.tracks, a.ended + b.ended)
-            for a, b in pairs[: config.n_alternatives]
+            for a, b in pairs[:most]
         ]
     return joint
 

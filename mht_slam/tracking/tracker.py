@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from mht_slam.arrays import FloatArray, IntArray, freeze
+from mht_slam.arrays import FloatArray, IntArray, freeze, whole_number
 from mht_slam.association import MISSED, Association
 from mht_slam.errors import MeasurementError, OptionError
 from mht_slam.measurements import BearingScan
@@ -15,10 +15,12 @@ from mht_slam.tracking.kept_order import next_order
 from mht_slam.tracking.options import TrackerConfig
 from mht_slam.tracking.readings import (
     Group,
+    Reading,
     agreeing,
     extended,
     identity_risk,
     likely,
+    merged,
     split,
     still_right,
 )
@@ -127,6 +129,21 @@ class OrderTracker:
         rows = self.association.table.tolist()
         return freeze(np.array([certainty[tuple(row)] for row in rows], dtype=np.float64))
 
+    def alternatives(self, most: int) -> tuple[Association, ...]:
+        """The most probable readings of all scans so far, the best first, at most `most`.
+
+        They differ in who is who since the last decisions: within `window` scans, and there only by
+        what is not `drop` nats worse than the best. Raises `OptionError` for less than one.
+        """
+        whole_number(most, "most", at_least=1)
+        decided = [*self._ended, *self._order]
+        joint = merged(self._groups, most) if self._groups else [Reading(0.0, ())]
+        found = {
+            Association(self._table([*decided, *reading.all_tracks]), self._n_detections): None
+            for reading in joint
+        }
+        return tuple(found)
+
     def _read(self, step: ScanStep) -> None:
         groups: list[Group] = []
         for group, detections in regrouped(self._groups, step, self._config):
@@ -150,12 +167,20 @@ class OrderTracker:
         doubt: dict[int, float] = {}
         for group in self._groups:
             doubt.update(identity_risk(group, group[:1]))
-        rows = []
-        for track in self._likeliest():
+        tracks = [t for t in self._likeliest() if t.n_seen >= self._config.confirm]
+        sure = [
+            still_right(self._certainty.get(t.number, 1.0), doubt.get(t.number, 0.0))
+            for t in tracks
+        ]
+        return list(zip(self._table(tracks), sure, strict=True))
+
+    def _table(self, tracks: Iterable[Track]) -> list[list[int]]:
+        """Detections of the confirmed tracks by scan."""
+        table = []
+        for track in tracks:
             if track.n_seen >= self._config.confirm:
                 row = [MISSED] * len(self._n_detections)
                 for scan, detection in track.detections().items():
                     row[scan] = detection
-                sure = self._certainty.get(track.number, 1.0)
-                rows.append((row, still_right(sure, doubt.get(track.number, 0.0))))
-        return rows
+                table.append(row)
+        return table
