@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -96,32 +96,39 @@ class Agreement:
     mcnemar_p: float
 
 
-Judged = list[tuple[JobResult, Verdict]]
+@dataclass(frozen=True)
+class Summary:
+    """A comparison with its figures.
+
+    Attributes
+    ----------
+    outcome : what they are of.
+    methods : every method in every cell, and in all cells where there are more than one.
+    agreements : of polygon score and graph evidence, for every cell that asked both.
+    """
+
+    outcome: Outcome
+    methods: tuple[MethodSummary, ...]
+    agreements: tuple[Agreement, ...]
+
+    @property
+    def overall(self) -> tuple[MethodSummary, ...]:
+        """The figures over all cells."""
+        cells = [row.cell for row in self.methods]
+        return tuple(row for row in self.methods if row.cell == cells[-1])
 
 
-def summarise(outcome: Outcome) -> list[MethodSummary]:
-    """Return the figures of every method in every cell, and in all cells where there are more."""
-    rows = []
-    for cell, results in _groups(outcome):
-        by_method = _by_method(results)
-        asked = [method for method in outcome.methods if method in by_method]
-        rows += [_summary(cell, method, by_method) for method in asked]
-    return rows
+Judged: TypeAlias = list[tuple[JobResult, Verdict]]
 
 
-def agreements(outcome: Outcome) -> list[Agreement]:
-    """Return how polygon score and graph evidence agree, in every cell that asked both."""
-    found = []
-    for cell, results in _groups(outcome):
-        by_method = _by_method(results)
-        if POLYGON in by_method and GRAPH_EVIDENCE in by_method:
-            found.append(_agreement(cell, by_method[POLYGON], by_method[GRAPH_EVIDENCE]))
-    return found
+def summarise(outcome: Outcome) -> Summary:
+    """Return the figures of a comparison, with the same intervals every time."""
+    return Summary(outcome, tuple(_method_summaries(outcome)), tuple(_agreements(outcome)))
 
 
-def markdown(outcome: Outcome) -> str:
+def markdown(summary: Summary) -> str:
     """Return the summary's tables as Markdown; the same bytes for the same results."""
-    rows = summarise(outcome)
+    rows = summary.methods
     lines = [
         "Rates with 95 % Wilson intervals, differences with 95 % paired bootstrap intervals.",
         "A failure counts as a miss. Ceilings know more than a method may.",
@@ -130,16 +137,15 @@ def markdown(outcome: Outcome) -> str:
         own = [row for row in rows if row.cell == cell]
         lines += ["", f"## {cell}", "", *_table(METHOD_TITLES, [_method_cells(r) for r in own])]
         lines += ["", *_table(PROBABILITY_TITLES, [_probability_cells(r) for r in own])]
-    found = agreements(outcome)
-    if found:
+    if summary.agreements:
         lines += ["", f"## {POLYGON} against {GRAPH_EVIDENCE}", ""]
-        lines += _table(AGREEMENT_TITLES, [_agreement_cells(a) for a in found])
+        lines += _table(AGREEMENT_TITLES, [_agreement_cells(a) for a in summary.agreements])
     return "\n".join(lines) + "\n"
 
 
-def summary_rows(outcome: Outcome) -> list[dict[str, Any]]:
+def summary_rows(summary: Summary) -> list[dict[str, Any]]:
     """Return the summary as rows of plain numbers, intervals as three columns."""
-    return [_flat(row) for row in summarise(outcome)]
+    return [_flat(row) for row in summary.methods]
 
 
 METHOD_TITLES = (
@@ -162,6 +168,24 @@ def rate_text(rate: Interval, digits: int = 2) -> str:
         return "-"
     low, high = f"{rate.low:.{digits}f}", f"{rate.high:.{digits}f}"
     return f"{rate.estimate:.{digits}f} [{low}, {high}]"
+
+
+def _method_summaries(outcome: Outcome) -> list[MethodSummary]:
+    rows = []
+    for cell, results in _groups(outcome):
+        by_method = _by_method(results)
+        asked = [method for method in outcome.methods if method in by_method]
+        rows += [_summary(cell, method, by_method) for method in asked]
+    return rows
+
+
+def _agreements(outcome: Outcome) -> list[Agreement]:
+    found = []
+    for cell, results in _groups(outcome):
+        by_method = _by_method(results)
+        if POLYGON in by_method and GRAPH_EVIDENCE in by_method:
+            found.append(_agreement(cell, by_method[POLYGON], by_method[GRAPH_EVIDENCE]))
+    return found
 
 
 def _groups(outcome: Outcome) -> Iterator[tuple[str, list[JobResult]]]:

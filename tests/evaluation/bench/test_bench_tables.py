@@ -20,7 +20,7 @@ from mht_slam.evaluation.bench.methods import GRAPH_EVIDENCE, ORDER_KEEPING, POL
 from mht_slam.evaluation.bench.summary import (
     ALL,
     MethodSummary,
-    agreements,
+    Summary,
     markdown,
     summarise,
     summary_rows,
@@ -71,12 +71,12 @@ def made_up(outcome: Outcome, scenes: list[list[Verdict]]) -> Outcome:
     return Outcome((source,), names, results, times)
 
 
-def of(rows: list[MethodSummary], method: str, cell: str = ALL) -> MethodSummary:
-    return next(row for row in rows if (row.method, row.cell) == (method, cell))
+def of(summary: Summary, method: str, cell: str = ALL) -> MethodSummary:
+    return next(row for row in summary.methods if (row.method, row.cell) == (method, cell))
 
 
 def test_rates_are_the_counts_of_the_tidy_table(outcome: Outcome) -> None:
-    rows, tidy = summarise(outcome), tidy_rows(outcome)
+    rows, tidy = summarise(outcome).methods, tidy_rows(outcome)
     assert len(tidy) == sum(len(result.verdicts) for result in outcome.results)
     assert {row.cell for row in rows} == {ALL, *(s.name for s in outcome.sources)}
     for row in rows:
@@ -111,7 +111,7 @@ def test_a_failure_of_a_forecaster_costs_it_probability(outcome: Outcome) -> Non
     fails = verdict("m", right=False, failure="ValueError", forecast=None, truth=None, rank=None)
     good = made_up(outcome, [[verdict("m", right=True)]] * 2)
     half = made_up(outcome, [[verdict("m", right=True)], [fails]])
-    better, worse = summarise(good)[0], summarise(half)[0]
+    better, worse = summarise(good).overall[0], summarise(half).overall[0]
     assert better.log_score == pytest.approx(math.log(0.8))
     assert worse.log_score == pytest.approx(0.5 * (math.log(0.8) + math.log(1e-6)))
     assert better.brier is not None
@@ -126,7 +126,7 @@ def test_differences_to_order_keeping_are_paired(outcome: Outcome) -> None:
         [verdict(ORDER_KEEPING, right=b), verdict("m", right=a)]
         for a, b in zip(mine, theirs, strict=True)
     ]
-    row = next(row for row in summarise(made_up(outcome, scenes)) if row.method == "m")
+    row = next(row for row in summarise(made_up(outcome, scenes)).methods if row.method == "m")
     assert row.minus_order_keeping is not None
     assert row.minus_order_keeping.estimate == pytest.approx(3 / 6)
     assert row.mcnemar_p == mcnemar(mine, theirs)
@@ -154,18 +154,19 @@ def test_where_polygons_and_graph_disagree_it_is_counted_who_is_right(outcome: O
         scene(False, True, same=False),
         scene(False, False, same=False),
     ]
-    (found,) = agreements(made_up(outcome, scenes))
+    summary = summarise(made_up(outcome, scenes))
+    (found,) = summary.agreements
     assert (found.polygon_right, found.graph_right, found.neither_right) == (1, 2, 1)
     assert found.same_first == wilson_interval(2, 6)
     assert found.tau is not None
     assert found.tau.estimate == pytest.approx(0.2)
-    assert POLYGON in markdown(made_up(outcome, scenes))
+    assert POLYGON in markdown(summary)
 
 
 def test_times_stand_in_a_table_of_their_own(outcome: Outcome) -> None:
     rows = time_rows(made_up(outcome, [[verdict("m", right=True)]] * 3))
     assert [(row["method"], row["scenes"], row["median_ms"]) for row in rows] == [("m", 3, 1500.0)]
-    text = markdown(outcome)
+    text = markdown(summarise(outcome))
     assert "ms" not in {word.strip("|") for word in text.split()}
 
 
@@ -184,9 +185,9 @@ def test_csv_and_parquet_hold_the_same_rows(outcome: Outcome, tmp_path: Path) ->
 def tables(outcome: Outcome, folder: Path) -> list[bytes]:
     folder.mkdir()
     write_csv(folder / "rows.csv", tidy_rows(outcome))
-    write_csv(folder / "summary.csv", summary_rows(outcome))
+    write_csv(folder / "summary.csv", summary_rows(summarise(outcome)))
     write_parquet(folder / "rows.parquet", tidy_rows(outcome))
-    (folder / "summary.md").write_text(markdown(outcome))
+    (folder / "summary.md").write_text(markdown(summarise(outcome)))
     return [path.read_bytes() for path in sorted(folder.iterdir())]
 
 
