@@ -12,6 +12,7 @@ from rich.console import Console
 
 from mht_slam import __version__
 from mht_slam.cli.bearings import Bearings
+from mht_slam.cli.bench import Bench
 from mht_slam.cli.convert import Convert
 from mht_slam.cli.demo import Demo
 from mht_slam.cli.simulate import Simulate
@@ -33,6 +34,7 @@ Command: TypeAlias = (
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[Convert, tyro.conf.subcommand("convert")]
     | Annotated[Bearings, tyro.conf.subcommand("bearings")]
+    | Annotated[Bench, tyro.conf.subcommand("bench")]
 )
 
 DESCRIPTION = (

@@ -61,7 +61,7 @@ def run_study(
     _refuse_unstated_misses(study, method.model())
     configuration = {**study.configuration, "model": _model_entry(study, method)}
     with run_folder(output.output, study.command, configuration) as folder:
-        with work.executor() as executor, _progress_bar("refining") as progress:
+        with work.executor() as executor, progress_bar("refining") as progress:
             solution = solve(
                 study.run,
                 epsilon=method.epsilon,
@@ -143,7 +143,7 @@ def _model_entry(study: Study, method: MethodOptions) -> dict[str, Any]:
 
 
 @contextmanager
-def _progress_bar(text: str) -> Iterator[ProgressCallback]:
+def progress_bar(text: str) -> Iterator[ProgressCallback]:
     """Draw a bar on stderr, and nothing where that is no terminal."""
     console = Console(stderr=True)
     columns = (
