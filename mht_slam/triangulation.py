@@ -70,6 +70,8 @@ def triangulate(
     for name, scan in (("first", first), ("second", second)):
         if not isinstance(scan, BearingScan):
             raise MeasurementError(f"{name} is {type(scan).__name__}: give a BearingScan")
+    if not isinstance(association, Association):
+        raise AssociationError(f"association is {type(association).__name__}: give an Association")
     if association.n_detections != (len(first), len(second)):
         raise AssociationError(
             f"the association is over {association.n_detections} detections and the scans have "

@@ -134,6 +134,8 @@ def test_what_makes_no_sense_is_refused() -> None:
     one = Association([[0, 0]], (1, 1))
     with pytest.raises(MeasurementError, match="second is list"):
         triangulate(first, [0.1], one, epsilon=0.1, sigma=0.1)  # type: ignore[arg-type]
+    with pytest.raises(AssociationError, match="association is NoneType"):
+        triangulate(first, second, None, epsilon=0.1, sigma=0.1)  # type: ignore[arg-type]
     with pytest.raises(AssociationError, match="these two scans"):
         triangulate(first, second, Association([[0, 0]], (1, 2)), epsilon=0.1, sigma=0.1)
     for options in ({"epsilon": math.pi}, {"sigma": 0.0}, {"max_range": 0.1}):

@@ -5,11 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import (
-    binary_dilation,
-    binary_erosion,
-    gaussian_filter,
-)
+from scipy.ndimage import binary_dilation, binary_erosion, gaussian_filter
 
 from mht_slam.arrays import BoolArray, FloatArray
 from mht_slam.vision.blobs import CORNERS_TOO, Blob
@@ -31,6 +27,9 @@ LOPSIDED_SPREAD = 3.0
 to a half is hidden moves by .5 to 2.8 of them."""
 TOUCHING_SPREAD = 0.05
 """Standard deviation added to a blob cut from its neighbour, widths."""
+
+UNTOLD = 0.3
+"""Noise of the share of a pixel that colours do not tell: anything between 0 and 1."""
 
 _MAD_TO_SIGMA = 1.4826
 _NEARBY = 1.0
@@ -60,8 +59,9 @@ def centroid(blob: Blob, colours: FloatArray, *, coarseness: float = 1.0) -> Cen
 
     A pixel inside counts 1. A pixel of the rim is a mixture of the blob's colour and the
     background's, so it counts its place between the two along the axis of the blob's chroma, on
-    which every grey is 0. The variance is that of rim pixels whose mixture is noisy, with the noise
-    seen in the background, plus `FLOOR`, plus what touching and lopsidedness add.
+    which every grey is 0; where the background has as much of that chroma, only the threshold says
+    what is covered. The variance is that of rim pixels whose mixture is noisy, with the noise seen
+    in the background, plus `FLOOR`, plus what touching and lopsidedness add.
     """
     core = binary_erosion(blob.mask, CORNERS_TOO)
     reach = binary_dilation(blob.mask, CORNERS_TOO, iterations=RIM) & ~blob.others
@@ -115,7 +115,11 @@ def _coverage(blob: Blob, colours: FloatArray, core: BoolArray) -> tuple[FloatAr
     steps = np.diff(along, axis=1)[frame[:, 1:] & frame[:, :-1]]
     noise = _MAD_TO_SIGMA * float(np.median(np.abs(steps))) / 2.0**0.5 if len(steps) else 0.0
     contrast = np.maximum(_nearby_inside(along, inside) - level, 1e-6)
-    return (along - level) / contrast, noise / float(np.median(contrast[inside]))
+    typical = float(np.median(contrast[inside]))
+    if typical <= max(noise, 1e-6):
+        # The background has as much of that chroma: only the threshold tells what is covered.
+        return blob.mask.astype(np.float64), UNTOLD
+    return (along - level) / contrast, noise / typical
 
 
 def _nearby_inside(values: FloatArray, inside: BoolArray) -> FloatArray:

@@ -136,6 +136,10 @@ def detect_cones(
     [-90.0]
     """
     chosen = PanoramaCamera() if camera is None else camera
+    if not isinstance(chosen, PanoramaCamera):
+        raise OptionError(f"camera is {type(chosen).__name__}: give a PanoramaCamera")
+    if not isinstance(options, DetectionOptions):
+        raise OptionError(f"options is {type(options).__name__}: give DetectionOptions")
     if chosen.ring is None:
         panorama = colour_image(image)
         coarseness = np.ones(len(panorama))

@@ -47,7 +47,10 @@ def colour_image(pixels: npt.ArrayLike, name: str = "image") -> FloatArray:
     Takes whole numbers over their type's range (0 to 255 for uint8) or floats in [0, 1]; a fourth
     channel is opacity, over white. Raises `ImageError`, naming the picture, for anything else.
     """
-    array = np.asarray(pixels)
+    try:
+        array = np.asarray(pixels)
+    except ValueError as cause:
+        raise ImageError(f"{name}: no array: give one picture, rows x columns x 3") from cause
     if array.ndim == 2 or (array.ndim == 3 and array.shape[2] in (1, 2)):
         raise ImageError(f"{name}: shape {array.shape} is a grey picture: colour finds the cones")
     if array.ndim != 3 or array.shape[2] not in (3, 4):

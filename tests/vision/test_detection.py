@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 
 from mht_slam.arrays import FloatArray
 from mht_slam.errors import ImageError, OptionError
@@ -238,6 +239,33 @@ def test_the_hue_window_may_go_through_red(low: float, high: float) -> None:
         picture[10:30, start : start + 9] = colour
     found = detect_cones(picture, options=DetectionOptions(hue_from_deg=low, hue_to_deg=high))
     assert found.columns.tolist() == pytest.approx([54.0] if low < high else [154.0, 254.0])
+
+
+@pytest.mark.parametrize("width", [2, 8])
+def test_a_background_of_more_chroma_leaves_the_threshold_to_tell(width: int) -> None:
+    picture = np.full((40, 200, 3), (1.0, 0.0, 0.32))
+    picture[10:30, 90 : 90 + width] = (0.6, 0.28, 0.28)
+    found = detect_cones(picture)
+    assert found.columns == pytest.approx([89.5 + width / 2])
+    assert found.sigmas[0] > 0.05 * 2.0 * math.pi / 200.0
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 2.0))
+def test_pictures_of_mere_noise_have_finite_bearings(seed: int, grain: float) -> None:
+    speckle = np.random.default_rng(seed).random((40, 160, 3))
+    picture = np.clip(gaussian_filter(speckle, (grain, grain, 0.0)), 0.0, 1.0)
+    chosen = DetectionOptions(allow_none=True, min_area=1, min_saturation=0.3)
+    found = detect_cones(picture, options=chosen)
+    assert np.isfinite(found.bearings).all()
+    assert (found.sigmas > 0.0).all()
+
+
+def test_what_is_no_camera_and_no_options_is_refused(picture: FloatArray) -> None:
+    with pytest.raises(OptionError, match="camera is int"):
+        detect_cones(picture, 3)  # type: ignore[arg-type]
+    with pytest.raises(OptionError, match="options is dict"):
+        detect_cones(picture, options={})  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -57,6 +57,7 @@ def test_the_callers_array_is_left_alone() -> None:
         (np.zeros((20, 40, 3), dtype=np.complex128), "type complex128"),
         ("picture.png", "shape"),
         ([], "shape"),
+        ([[1], [1, 2]], "no array"),
     ],
 )
 def test_an_array_that_is_no_colour_picture_is_refused(pixels: object, words: str) -> None:
