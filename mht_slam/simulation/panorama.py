@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import gaussian_filter
 
 from mht_slam.arrays import FloatArray, finite_array, finite_number, whole_number
 from mht_slam.errors import OptionError
@@ -26,6 +27,8 @@ _SKY_AT_HORIZON = np.array([0.80, 0.87, 0.93])
 _GRASS = np.array([0.30, 0.45, 0.18])
 _GRASS_GRAIN = 1.2
 """Standard deviation of the blur that makes tufts of independent pixels, pixels."""
+_BLUR_REACH = 3.0
+"""Standard deviations at which a blur is cut off."""
 _ROWS_PER_ROW = 4
 _FINE = 2
 """Columns of the panorama behind a ring, per pixel of its outer circle."""
@@ -57,6 +60,8 @@ class Body:
         finite_number(self.height, "body height", above=0.0)
         finite_number(self.base_radius, "body base_radius", above=0.0)
         finite_number(self.top_radius, "body top_radius", at_least=0.0, at_most=self.base_radius)
+        if not isinstance(self.colour, tuple) or len(self.colour) != 3:
+            raise OptionError(f"body colour is {self.colour!r}: give (red, green, blue)")
         for value in self.colour:
             finite_number(value, "body colour", at_least=0.0, at_most=1.0)
 
@@ -257,18 +262,9 @@ def _developed(
 
 def _blurred(image: FloatArray, sigma: float, *, around: bool) -> FloatArray:
     """Gaussian blur of both axes (rows, columns, channels); columns close up if `around`."""
-    if sigma == 0.0:
-        return image.copy()
-    reach = math.ceil(3.0 * sigma)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    kernel /= kernel.sum()
-    rows, columns = image.shape[:2]
-    tall = np.pad(image, ((reach, reach), (0, 0), (0, 0)), mode="edge")
-    down = np.zeros_like(image)
-    for k, weight in enumerate(kernel.tolist()):
-        down += weight * tall[k : k + rows]
-    wide = np.pad(down, ((0, 0), (reach, reach), (0, 0)), mode="wrap" if around else "edge")
-    both = np.zeros_like(image)
-    for k, weight in enumerate(kernel.tolist()):
-        both += weight * wide[:, k : k + columns]
-    return both
+    across = "wrap" if around else "nearest"
+    reach = math.ceil(_BLUR_REACH * sigma)
+    blurred = gaussian_filter(
+        image, (sigma, sigma, 0.0), mode=("nearest", across, "nearest"), radius=reach
+    )
+    return np.asarray(blurred, dtype=np.float64)

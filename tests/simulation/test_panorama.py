@@ -102,6 +102,8 @@ def test_what_cannot_be_drawn_is_refused() -> None:
         render_ring([0, 0, 0], [], rng(), camera=PanoramaCamera())
     with pytest.raises(OptionError, match="top_radius"):
         Body(1.0, 2.0, top_radius=1.0)
+    with pytest.raises(OptionError, match="body colour"):
+        Body(1.0, 2.0, colour=(1.0, 0.5))  # type: ignore[arg-type]
     with pytest.raises(OptionError, match="highest"):
         View(highest=-1.0)
     with pytest.raises(OptionError, match=r"\(n, 2\)"):
