@@ -213,7 +213,7 @@ def _tracked(run: StraightRun, model: ObservationModel, effort: Effort) -> list[
     That is any other run, one with known identities, and one of which no reading has every landmark
     in every scan while the model says nothing of misses.
     """
-    labelled = any(scan.labels is not None for scan in run.scans)
+    labelled = any(label is not None for scan in run.scans for label in scan.labels or ())
     if labelled or not is_dense(run):
         return []
     readings = tracked_alternatives(run, model, effort.keep)
