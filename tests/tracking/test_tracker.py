@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from mht_slam.association import MISSED, Association
@@ -18,6 +18,7 @@ from mht_slam.measurements import BearingScan
 from mht_slam.simulation import Sensor
 from mht_slam.tracking.exchanges import exchanges
 from mht_slam.tracking.options import TrackerConfig
+from mht_slam.tracking.order import apparent_angles
 from mht_slam.tracking.tracker import OrderTracker
 from mht_slam.tracking.zones import order_changes
 
@@ -45,6 +46,8 @@ def test_noiseless_tracks_exchange_places_exactly_where_geometry_says(
     dense_run: DenseRun, seed: int, bend: float
 ) -> None:
     scene = dense_run(seed, bend=bend)
+    # Bearings that a scan sees as one do not say which is whose.
+    assume(min(apparent_angles(scan.bearings).min() for scan in scene.scans) > 2.0 * CLEAR.sigma)
     found = tracked(scene.scans, CLEAR).association
     assert found == scene.truth
     predicted = {
