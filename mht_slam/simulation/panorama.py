@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -262,7 +263,7 @@ def _developed(
 
 def _blurred(image: FloatArray, sigma: float, *, around: bool) -> FloatArray:
     """Gaussian blur of both axes (rows, columns, channels); columns close up if `around`."""
-    across = "wrap" if around else "nearest"
+    across: Literal["wrap", "nearest"] = "wrap" if around else "nearest"
     reach = math.ceil(_BLUR_REACH * sigma)
     blurred = gaussian_filter(
         image, (sigma, sigma, 0.0), mode=("nearest", across, "nearest"), radius=reach
