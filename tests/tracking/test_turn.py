@@ -39,6 +39,13 @@ def test_a_turn_is_found_among_misses_and_false_alarms(seed: int, degrees: float
     assert shift == pytest.approx(degrees * DEGREE, abs=1.5 * DEGREE)
 
 
+def test_a_lone_bearing_that_moves_is_a_turn_in_part() -> None:
+    alone = predictions_at(np.array([0.5]))
+    moved = np.array([0.5 + 2.0 * DEGREE])
+    shift = common_shift(alone, moved, np.array([CONFIG.sigma**2]), 0.0, CONFIG)
+    assert 0.5 * DEGREE < shift < 1.9 * DEGREE
+
+
 def test_nothing_seen_leaves_what_was_expected() -> None:
     nobody, nothing = predictions_at(np.array([])), np.array([])
     some = predictions_at(np.array([0.5]))
