@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import mht_slam as ms
 from mht_slam.errors import OptionError
 from mht_slam.tracking.options import TrackerConfig
 from mht_slam.tracking.tracker import OrderTracker
-from mht_slam.tracking.whole_run import tracked_alternatives
+from mht_slam.tracking.whole_run import SUREST, _config, tracked_alternatives
 
 SIGMA = math.radians(0.5)
 MODEL = ms.ObservationModel(sigma=SIGMA, motion="smooth", landmark_sigma=60.0)
@@ -59,6 +60,20 @@ def test_a_meeting_just_now_leaves_both_ways_to_read_it() -> None:
     others = {tuple(row) for row in truth.table[np.abs(last - math.pi / 4.0) > 0.2].tolist()}
     assert len(others) == 2
     assert all(others <= set(map(tuple, reading.table.tolist())) for reading in readings)
+
+
+def test_a_model_of_misses_is_the_trackers_too() -> None:
+    weighs = replace(
+        MODEL, detection_probability=0.7, false_alarm_rate=0.2, expected_landmarks=6.0,
+        stay_probability=1.0,
+    )  # fmt: skip
+    config = _config(weighs, 60, 5)
+    assert (config.detection_probability, config.false_alarm_rate) == (0.7, 0.2)
+    assert config.stay_probability == SUREST
+    without = _config(MODEL, 60, 5)
+    assert without.detection_probability == TrackerConfig().detection_probability
+    assert (without.turn_sigma, without.drift_sigma) == (MODEL.turn_sigma, MODEL.drift_sigma)
+    assert (without.window, without.n_alternatives) == (60, 5)
 
 
 def test_known_identities_are_refused() -> None:
