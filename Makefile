@@ -12,7 +12,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test fuzz lint format types docs wheel-check bench-calibration bench-ranking bench-three-scans bench-throughput lock clean
+.PHONY: help venv demo test fuzz lint format types docs wheel-check bench bench-check bench-calibration bench-ranking bench-three-scans bench-throughput lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -59,6 +59,12 @@ docs: $(STAMP) ## links resolve inside the repository, examples run
 
 wheel-check: $(STAMP) ## build a wheel, install it elsewhere, import and type-check it from there
 	PYTHON=$(PYTHON) PIP_DISABLE_PIP_VERSION_CHECK=1 bash .ci/wheel-check
+
+bench: $(STAMP) ## all methods on the same scenes, one HTML page: a quarter of an hour, goes on where it was
+	$(BIN)/mht-slam bench compare --workers $(JOBS) --output runs/bench-compare
+
+bench-check: $(STAMP) ## fails when a key figure got worse, a method disappeared, or a workload crashes
+	$(BIN)/python benchmarks/gate/check.py --workers $(JOBS)
 
 bench-calibration: $(STAMP) ## do probabilities come true: hours on two cores, goes on where it was
 	$(BIN)/python benchmarks/calibration/calibration.py --workers $(JOBS)

@@ -76,7 +76,7 @@ def agreement_figure(summary: Summary) -> Captioned | None:
         right.barh(places, counts, left=start, color=tone, hatch=hatch, edgecolor=INK,
                    linewidth=0.6, height=0.6, label=label)  # fmt: skip
         start += counts
-    right.set_xlabel("scenes where they name different associations")
+    right.set_xlabel("scenes where they name\ndifferent associations")
     right.set_xlim(0.0, max(1.0, 1.05 * float(start.max())))
     left.set_yticks(places, [f"{row.cell} ({row.scenes})" for row in found])
     left.tick_params(axis="y", labelsize=8)
@@ -156,7 +156,7 @@ def _draw_taus(axes: Axes, found: Sequence[Agreement], places: np.ndarray) -> No
                       marker="o", color=INK, markersize=4.5, elinewidth=0.9)  # fmt: skip
     axes.axvline(0.0, color=TRUTH_TONE, linewidth=0.8, linestyle=":")
     axes.set_xlim(-1.05, 1.05)
-    axes.set_xlabel("Kendall tau-b of the two orders, 95 % interval")
+    axes.set_xlabel("Kendall tau-b of the two orders,\n95 % interval")
     axes.grid(axis="x", alpha=0.3)
 
 
@@ -168,7 +168,8 @@ def _reliability_caption(summary: Summary, shown: Sequence[str]) -> str:
             beyond = calibration.excess > 2.0 * calibration.spread
             verdict = "beyond chance" if beyond else "within what a perfect forecaster shows"
             words.append(
-                f"{row.method}: calibration error of the first answers {calibration.error:.3f}, "
+                f"{_capital(row.method)}: calibration error of first answers "
+                f"{calibration.error:.3f}, "
                 f"chance alone {calibration.of_chance:.3f} ({verdict}), "
                 f"log score {row.log_score:.2f}."
             )
@@ -181,7 +182,7 @@ def _agreement_caption(row: Agreement) -> str:
     apart = row.polygon_right + row.graph_right + row.neither_right
     tau = "" if row.tau is None else f", mean tau-b {rate_text(row.tau)}"
     words = (
-        f"{POLYGON} and {GRAPH_EVIDENCE} name the same association in "
+        f"{_capital(POLYGON)} and {GRAPH_EVIDENCE} name the same association in "
         f"{rate_text(row.same_first)} of {row.scenes} scenes{tau}."
     )
     if not apart:
@@ -211,3 +212,7 @@ def _times_caption(quartiles: dict[str, np.ndarray]) -> str:
         words += f" The graph evidence takes {ratio:.2g} times as long as {POLYGON}"
         words += ", candidates aside." if "candidates" in middle else "."
     return words
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -72,7 +72,7 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """What the cell is, for a reader; angles in degrees."""
+        """What the cell is and which prior judges it, for a reader; angles in degrees."""
         epsilon, sigma = math.degrees(self.epsilon), math.degrees(self.sigma)
         size = f"epsilon {epsilon:g}" if self.noise == "uniform" else f"sigma {sigma:g}"
         parts = [f"{self.kind} n={self.landmarks}", f"{self.noise} {size} deg"]
@@ -85,7 +85,7 @@ class Cell:
             parts.append(
                 f"detection {self.detection_probability:g}, {self.false_alarms:g} false a scan"
             )
-        return ", ".join(parts)
+        return ", ".join([*parts, f"prior {self.landmark_sigma:g}"])
 
     @property
     def has_clutter(self) -> bool:
