@@ -39,11 +39,14 @@ def finished_results(
     waiting = iter(tasks)
     running: dict[Future[Result], Task] = {}
     lost: list[Task] = []
+    told = False
     try:
         while True:
             _fill(executor, function, waiting, running, lost)
             if lost:
-                _logger.warning("work goes on in this process: the executor has lost its workers")
+                if not told:
+                    told = True
+                    _logger.warning("work goes on in this process: the executor lost its workers")
                 yield from map(function, lost)
                 lost.clear()
             if not running:

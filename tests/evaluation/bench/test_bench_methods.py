@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -246,3 +248,16 @@ def test_methods_see_nothing_of_the_truth() -> None:
     run, assumptions = seen
     assert all(scan.labels is None for scan in run.scans)  # type: ignore[attr-defined]
     assert assumptions.candidates == ()  # type: ignore[attr-defined]
+
+
+def test_the_example_of_the_documentation_runs_as_it_stands() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "bench.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    names: dict[str, Outcome] = {}
+    exec(example, names)  # noqa: S102 - our own page
+    outcome = names["outcome"]
+    assert outcome.methods == ("order-keeping", "mine", *CEILINGS)
+    found = verdicts(outcome)
+    assert [v.rank for v in found["mine"]] == [v.rank for v in found["order-keeping"]]
+    method = example[example.index("def ") : example.index("\n\nsweep")]
+    assert len(method.splitlines()) <= 10
