@@ -152,22 +152,21 @@ def solve(
     if not longer or isinstance(run, RunPair):
         return Solution(ranking, seeds, comparison)
     chosen = effort or Effort()
-    tracked = _tracked(run, full_model, chosen)
-    if tracked:
+    readings = _tracked(run, full_model, chosen)
+    if readings:
         posterior = refine(
             run,
-            tracked,
+            readings,
             model=full_model,
             evidence=evidence,
             scale=scale,
             executor=executor,
             progress=progress,
         )
-    else:
-        posterior = _over_all_scans(
-            run, seeds, full_model, evidence, scale, chosen, executor, progress
-        )
-    return Solution(ranking, posterior, comparison, seeds, tracked=bool(tracked))
+        if any(h.failure is None for h in posterior):
+            return Solution(ranking, posterior, comparison, seeds, tracked=True)
+    posterior = _over_all_scans(run, seeds, full_model, evidence, scale, chosen, executor, progress)
+    return Solution(ranking, posterior, comparison, seeds)
 
 
 def _ranking(

@@ -93,8 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     known = [row for row in read_rows(path) if row["code"] == code]
     done = {(row["setting"], row["run"]) for row in known}
     missing = [s for s in wanted if any((s.name, f"{r}") not in done for r in range(options.runs))]
-    if not known:
-        path.unlink(missing_ok=True)
+    if not known and path.exists():
+        path.replace(path.with_suffix(".old.csv"))
     with ProcessPoolExecutor(options.workers) as pool:
         jobs = [(setting, options.runs, code) for setting in missing]
         counted = track(

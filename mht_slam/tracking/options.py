@@ -45,6 +45,8 @@ class TrackerConfig:
     """Spread of the direction of travel about the heading."""
     turn_sigma: float = float(np.deg2rad(3.0))
     """Scale of the robot's turns from scan to scan, which may be far greater now and then."""
+    turn_error_sigma: float = float(np.deg2rad(0.5))
+    """Spread of the lasting error of the turns as they are estimated."""
     confirm: int = 3
     """Detections that make a track a landmark; fewer are taken for false alarms."""
     window: int = 20
@@ -63,7 +65,7 @@ class TrackerConfig:
         for name in ("false_alarm_rate", "new_rate", "nearness_sigma", "turn_sigma", "drop"):
             finite_number(getattr(self, name), name, above=0.0)
         finite_number(self.nearness, "nearness", at_least=0.0, below=1.0)
-        for name in ("step_change_sigma", "drift_sigma"):
+        for name in ("step_change_sigma", "drift_sigma", "turn_error_sigma"):
             finite_number(getattr(self, name), name, at_least=0.0)
         for name in ("confirm", "window", "n_alternatives"):
             whole_number(getattr(self, name), name, at_least=1)

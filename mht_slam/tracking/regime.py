@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 
 from mht_slam.arrays import FloatArray
 from mht_slam.measurements import StraightRun, wrap_angle
-from mht_slam.tracking.order import apparent_angles
+from mht_slam.tracking.order import TURN, apparent_angles
 
 DENSE_RATIO = 0.1
 """Share of an apparent angle up to which a run counts as dense."""
@@ -45,9 +45,10 @@ def bearing_change_ratio(run: StraightRun) -> float:
     tracking is out of the question.
     """
     ratios = [
-        _change(one.bearings, other.bearings) / float(np.median(apparent_angles(one.bearings)))
+        _change(one.bearings, other.bearings) / apparent
         for one, other in pairwise(run.scans)
         if min(len(one), len(other)) >= FEWEST
+        and (apparent := float(np.median(apparent_angles(one.bearings)))) > 0.0
     ]
     return float(np.quantile(ratios, QUANTILE)) if ratios else float("inf")
 
@@ -60,7 +61,12 @@ def _change(before: FloatArray, after: FloatArray) -> float:
     """
     change = wrap_angle(after - before[:, None])
     turns = change.ravel()
-    left = np.abs(wrap_angle(change[None] - turns[:, None, None])).min(axis=2).sum(axis=1)
+    around = np.sort(after)
+    around = np.concatenate([around - TURN, around, around + TURN])
+    turned = wrap_angle(before + turns[:, None])
+    following = np.searchsorted(around, turned)
+    nearest = np.minimum(turned - around[following - 1], around[following] - turned)
+    left = nearest.sum(axis=1)
     moved = wrap_angle(change - turns[left.argmin()])
     matched = linear_sum_assignment(moved**2)
     change_of_each = moved[matched]

@@ -1,4 +1,4 @@
-"""One track: a Kalman filter on bearing and nearness, the chance it is there, and its history."""
+"""One track: a Kalman filter on bearing, nearness and offset, its existence, and its history."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mht_slam.arrays import FloatArray
 from mht_slam.association import MISSED
 from mht_slam.tracking.options import TrackerConfig
 
-OBSERVATION = np.array([[1.0, 0.0]])
+OBSERVATION = np.array([[1.0, 0.0, 0.0]])
 
 FIRST_EXISTENCE = 0.5
 """Chance that a detection which continues no track is a landmark."""
@@ -36,8 +36,9 @@ class Track:
     ----------
     number : tracks are numbered as they begin.
     scan, detection : the scan, and the track's detection in it or -1.
-    mean, covariance : (2,) bearing in the robot frame and nearness, and (2, 2) of both. The rate of
-        the bearing is nearness times its sine, besides the robot's turn.
+    mean, covariance : (3,) bearing in the robot frame, nearness and offset, and (3, 3) of them. The
+        rate of the bearing is nearness times its sine, besides the robot's turn; the offset is what
+        the turn is estimated wrong by, scan after scan.
     existence : the chance that there is a landmark in view to be seen.
     n_seen : number of its detections.
     last_seen : (scan, detection) of its latest detection.
@@ -88,8 +89,10 @@ def begin(
         number=number,
         scan=scan,
         detection=detection,
-        mean=np.array([bearing, config.nearness]),
-        covariance=np.diag([variance, config.nearness_sigma**2]),
+        mean=np.array([bearing, config.nearness, 0.0]),
+        covariance=np.diag(
+            [variance, config.nearness_sigma**2, config.turn_error_sigma**2],
+        ),
         existence=FIRST_EXISTENCE,
         n_seen=1,
         last_seen=(scan, detection),
@@ -101,32 +104,37 @@ def carry_on(track: Track, config: TrackerConfig) -> Prediction:
     """Predict the track after one more step straight ahead, before the robot's turn.
 
     In units of the step, the landmark at range 1/w and bearing b moves back by one: the filter is
-    that of the exact motion, linearised. Source: docs/method.md, sections 2 and 6.
+    that of the exact motion, linearised. The offset goes on as it is. Source: docs/method.md,
+    sections 2 and 6.
     """
-    bearing, nearness = track.mean.tolist()
+    bearing, nearness, offset = track.mean.tolist()
     cosine, sine = math.cos(bearing), math.sin(bearing)
     squared = max(1.0 - 2.0 * nearness * cosine + nearness**2, CLOSEST**2)
     closing = 1.0 / math.sqrt(squared)
-    moved = np.array([math.atan2(sine, cosine - nearness), nearness * closing])
+    ahead = math.atan2(sine, cosine - nearness)
+    moved = np.array([ahead + offset, nearness * closing, offset])
     jacobian = np.array(
         [
-            [(1.0 - nearness * cosine) / squared, sine / squared],
+            [(1.0 - nearness * cosine) / squared, sine / squared, 1.0],
             [
                 -(nearness**2) * sine * closing**3,
                 closing + nearness * (cosine - nearness) * closing**3,
+                0.0,
             ],
+            [0.0, 0.0, 1.0],
         ]
     )
     spread = math.sqrt(float(track.covariance[1, 1]))
     if spread > UNKNOWN * abs(nearness) and moved[1] > max(nearness, HEAD_ON):
         # Straight ahead bearings tell no range: that a landmark has been passed must be seen.
         moved[1] = max(nearness, HEAD_ON)
-        jacobian[1] = 0.0, 1.0
+        jacobian[1] = 0.0, 1.0, 0.0
     size = abs(nearness) + spread
     noise = np.diag(
         [
             (config.drift_sigma * size) ** 2 + SMALLEST_NOISE**2,
             (config.step_change_sigma * size) ** 2 + SMALLEST_NOISE**2,
+            0.0,
         ]
     )
     # The filter's prediction is linear; the control moves its mean onto the exact one.
@@ -138,8 +146,8 @@ def carry_on(track: Track, config: TrackerConfig) -> Prediction:
 
 def turned(prediction: Prediction, turn: float) -> Prediction:
     """Shift the predicted bearing, which stays within half a turn of zero."""
-    bearing, nearness = prediction.mean.tolist()
-    mean = np.array([math.remainder(bearing + turn, math.tau), nearness])
+    mean = prediction.mean.copy()
+    mean[0] = math.remainder(float(mean[0]) + turn, math.tau)
     return Prediction(prediction.track, mean, prediction.covariance, prediction.existence)
 
 
@@ -158,7 +166,7 @@ def see(
         number=before.number,
         scan=scan,
         detection=detection,
-        mean=np.array([math.remainder(float(mean[0]), math.tau), float(mean[1])]),
+        mean=np.array([math.remainder(float(mean[0]), math.tau), mean[1], mean[2]]),
         covariance=covariance,
         existence=1.0,
         n_seen=before.n_seen + 1,

@@ -19,9 +19,10 @@ PLACES = st.tuples(st.floats(-8.0, 8.0), st.floats(0.5, 8.0), st.sampled_from([-
 STEPS = st.floats(0.01, 0.3)
 
 
-def at(bearing: float, nearness: float) -> Track:
+def at(bearing: float, nearness: float, offset: float = 0.0) -> Track:
     """A track of well-known range."""
-    mean, covariance = np.array([bearing, nearness]), np.diag([VARIANCE, (0.1 * nearness) ** 2])
+    mean = np.array([bearing, nearness, offset])
+    covariance = np.diag([VARIANCE, (0.1 * nearness) ** 2, 0.01**2])
     return Track(0, 0, 0, mean, covariance, 1.0, 1, (0, 0), None)
 
 
@@ -30,9 +31,10 @@ def test_a_step_straight_ahead_is_predicted_exactly(
     place: tuple[float, float, float], step: float
 ) -> None:
     x, y = place[0], place[1] * place[2]
-    prediction = carry_on(at(math.atan2(y, x), step / math.hypot(x, y)), CONFIG)
-    assert prediction.mean[0] == pytest.approx(math.atan2(y, x - step))
+    prediction = carry_on(at(math.atan2(y, x), step / math.hypot(x, y), 0.02), CONFIG)
+    assert prediction.mean[0] == pytest.approx(math.atan2(y, x - step) + 0.02)
     assert prediction.mean[1] == pytest.approx(step / math.hypot(x - step, y))
+    assert prediction.mean[2] == 0.02
 
 
 @given(PLACES, STEPS)
@@ -40,13 +42,13 @@ def test_uncertainty_goes_with_the_derivative_of_the_step(
     place: tuple[float, float, float], step: float
 ) -> None:
     x, y = place[0], place[1] * place[2]
-    state, shift = np.array([math.atan2(y, x), step / math.hypot(x, y)]), 1e-6
+    state, shift = np.array([math.atan2(y, x), step / math.hypot(x, y), 0.01]), 1e-6
 
     def moved(mean: np.ndarray) -> np.ndarray:
         return carry_on(at(*mean.tolist()), CONFIG).mean
 
     columns = []
-    for unit in np.eye(2):
+    for unit in np.eye(3):
         change = moved(state + shift * unit) - moved(state - shift * unit)
         change[0] = math.remainder(change[0], math.tau)
         columns.append(change / (2 * shift))
@@ -54,15 +56,17 @@ def test_uncertainty_goes_with_the_derivative_of_the_step(
     track = at(*state.tolist())
     without_noise = jacobian @ track.covariance @ jacobian.T
     added = carry_on(track, CONFIG).covariance - without_noise
-    assert added[0, 1] == pytest.approx(0.0, abs=1e-6)
-    assert (np.diag(added) > 0.0).all()
+    assert added - np.diag(np.diag(added)) == pytest.approx(np.zeros((3, 3)), abs=1e-6)
+    assert (np.diag(added)[:2] > 0.0).all()
+    assert added[2, 2] == pytest.approx(0.0, abs=1e-9)
 
 
 @given(st.floats(-3.1, 3.1), st.floats(-0.2, 0.2), st.sampled_from([-1, 0, 1]))
 def test_an_update_is_the_same_on_both_sides_of_the_seam(
     bearing: float, off: float, turns: int
 ) -> None:
-    prediction = Prediction(at(bearing, 0.05), np.array([bearing, 0.05]), np.eye(2) * 0.01, 0.99)
+    mean, covariance = np.array([bearing, 0.05, 0.0]), np.eye(3) * 0.01
+    prediction = Prediction(at(bearing, 0.05), mean, covariance, 0.99)
     here = see(prediction, 1, 0, bearing + off, VARIANCE)
     over = turned(prediction, math.pi)
     there = see(over, 1, 0, bearing + off + math.pi + math.tau * turns, VARIANCE)
