@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-from itertools import combinations, permutations
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
+from mht_slam.matchings import ranked_matchings
 from mht_slam.tree.assign import best_matchings
 
 DROP = 4.05
 EIGHTHS = st.integers(-40, 40).map(lambda i: i / 8.0)
-
-
-def every_matching(gains: np.ndarray) -> dict[tuple[tuple[int, int], ...], float]:
-    """All sets of pairs of positive gain that share neither row nor column."""
-    rows, columns = gains.shape
-    result = {}
-    for size in range(min(rows, columns) + 1):
-        for chosen in combinations(range(rows), size):
-            for order in permutations(range(columns), size):
-                pairs = tuple(zip(chosen, order, strict=True))
-                if all(gains[pair] > 0.0 for pair in pairs):
-                    result[pairs] = float(sum(gains[pair] for pair in pairs))
-    return result
 
 
 @given(
@@ -38,7 +24,7 @@ def test_the_best_over_all_proposals_is_the_best_of_any(
 ) -> None:
     expected: dict[tuple[tuple[int, int], ...], float] = {}
     for own, offset in zip(gains, offsets, strict=True):
-        for matches, gain in every_matching(np.maximum(own, 0.0)).items():
+        for matches, gain in ranked_matchings(np.maximum(own, 0.0)):
             expected[matches] = max(expected.get(matches, -np.inf), offset + gain)
     top = max(expected.values())
     within = {matches: gain for matches, gain in expected.items() if gain >= top - DROP}
