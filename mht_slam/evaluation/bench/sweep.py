@@ -195,7 +195,7 @@ class Sweep:
 
     >>> sweep = Sweep(kinds=("annulus",), landmarks=(3, 4), epsilons=(0.02, 0.05), scenes=10)
     >>> len(sweep.cells), len(sweep.jobs)
-    (4, 40)
+    (8, 80)
     """
 
     kinds: tuple[SceneKind, ...] = ("annulus", "model")
