@@ -81,8 +81,8 @@ class Track:
             figure.savefig(folder / f"tracks.{self.output.figure_format}", dpi=150)
         association = tracker.association
         console.print(
-            f"{association.n_landmarks} tracks through {association.n_scans} scans, "
-            f"{len(association.false_alarms)} detections in none, {len(found)} exchanges of places."
+            f"{association.n_landmarks} tracks through {association.n_scans} scans; detections in "
+            f"none: {len(association.false_alarms)}; exchanges of places: {len(found)}."
         )
         for row, probability in enumerate(tracker.track_probabilities.tolist()):
             if probability < SURE:

@@ -52,6 +52,9 @@ def track_counts(answer: Association, truth: Association, *, shortest: int = 1) 
     >>> counts.switches, round(counts.idf1, 3)
     (2, 0.667)
     """
+    for name, value in (("answer", answer), ("truth", truth)):
+        if not isinstance(value, Association):
+            raise AssociationError(f"{name} is {type(value).__name__}: give an Association")
     if answer.n_detections != truth.n_detections:
         raise AssociationError(
             f"the associations are over {answer.n_detections} and {truth.n_detections} detections: "

@@ -75,7 +75,7 @@ def tracks_figure(scans: Sequence[BearingScan], association: Association) -> Fig
     axes.set_xlabel("scan")
     axes.set_ylabel("bearing, degrees from forward")
     axes.set_title(
-        f"{len(table)} tracks through {len(scans)} scans, {len(crossings)} exchanges of places"
+        f"{len(table)} tracks through {len(scans)} scans; exchanges of places: {len(crossings)}"
     )
     figure.legend(
         handles=[

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from mht_slam.association import MISSED, Association
-from mht_slam.errors import AssociationError
+from mht_slam.errors import AssociationError, MeasurementError
 from mht_slam.measurements import BearingScan, wrap_angle
 
 SIDE_BY_SIDE = np.deg2rad(90.0)
@@ -36,9 +36,16 @@ def exchanges(scans: Sequence[BearingScan], association: Association) -> tuple[E
 
     Two bearings have exchanged places where the one that was counter-clockwise of the other is
     clockwise of it at the next scan that sees both apart, less than 90 degrees away at both. Raises
-    `AssociationError` unless the association is over these scans. Source: docs/method.md,
-    section 6.
+    `MeasurementError` for anything but scans, and `AssociationError` unless the association is over
+    them. Source: docs/method.md, section 6.
     """
+    for number, scan in enumerate(scans):
+        if not isinstance(scan, BearingScan):
+            raise MeasurementError(f"scan {number} is {type(scan).__name__}: give a BearingScan")
+    if not isinstance(association, Association):
+        raise AssociationError(
+            f"association is {type(association).__name__}: give an Association of these scans"
+        )
     counts = tuple(len(scan) for scan in scans)
     if association.n_detections != counts:
         raise AssociationError(

@@ -53,7 +53,7 @@ def test_a_file_becomes_tracks_a_figure_and_a_report(
     configuration = json.loads((folder / "configuration.json").read_text())
     assert configuration["model"]["sigma"] == pytest.approx(np.deg2rad(0.05))
     said = capsys.readouterr().out
-    assert "4 tracks through 30 scans, 0 detections in none, 1 exchanges of places." in said
+    assert "4 tracks through 30 scans; detections in none: 0; exchanges of places: 1." in said
     assert "Pairwise F1 against the truth: 1.000." in said
 
 

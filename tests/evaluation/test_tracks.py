@@ -87,3 +87,5 @@ def test_associations_of_other_detections_are_refused() -> None:
         track_counts(one, other)
     with pytest.raises(OptionError, match="shortest"):
         track_counts(one, one, shortest=0)
+    with pytest.raises(AssociationError, match="truth is list"):
+        track_counts(one, [[0]])  # type: ignore[arg-type]

@@ -79,7 +79,7 @@ def test_tracks_are_drawn_apart_over_gaps_and_the_seam() -> None:
     figure = tracks_figure(scans, association)
     drawn(figure)
     axes = figure.axes[0]
-    assert axes.get_title() == "3 tracks through 5 scans, 1 exchanges of places"
+    assert axes.get_title() == "3 tracks through 5 scans; exchanges of places: 1"
     for line in axes.lines:
         steps = np.abs(np.diff(np.asarray(line.get_ydata(), dtype=float)))
         if line.get_linestyle() in ("-", ":"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from mht_slam.association import MISSED, Association
-from mht_slam.errors import AssociationError
+from mht_slam.errors import AssociationError, MeasurementError
 from mht_slam.measurements import BearingScan
 from mht_slam.tracking.exchanges import Exchange, exchanges
 
@@ -59,3 +59,7 @@ def test_exchanges_come_in_the_order_of_the_scans() -> None:
 def test_the_association_of_other_scans_is_refused() -> None:
     with pytest.raises(AssociationError, match="these scans"):
         exchanges([BearingScan([0.1])], Association([[0]], (2,)))
+    with pytest.raises(AssociationError, match="give an Association"):
+        exchanges([BearingScan([0.1])], [[0]])  # type: ignore[arg-type]
+    with pytest.raises(MeasurementError, match="scan 0 is list"):
+        exchanges([[0.1]], Association([[0]], (1,)))  # type: ignore[list-item]
