@@ -1,4 +1,4 @@
-"""Matchings of rows with columns in the order of their gain: the best one, the next, and so on."""
+"""Matchings of rows with columns: the best, the next, and so on; the best that keep the order."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import heapq
 from collections.abc import Iterator
 from typing import TypeAlias
 
+import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from mht_slam.arrays import FloatArray
@@ -52,3 +53,36 @@ def ranked_matchings(gains: FloatArray) -> Iterator[tuple[Matches, float]]:
             whole = tuple(sorted((*kept, *others)))
             heapq.heappush(heap, (-(gain + held), whole, serial, without, kept))
             kept = (*kept, match)
+
+
+def best_in_order(gains: FloatArray, *, cyclic: bool = False) -> Matches:
+    """Return the matching of most gain whose columns follow each other as the rows do.
+
+    With `cyclic` the columns may begin anywhere and go on from the last with the first. `gains`
+    (r, d) are not negative. By dynamic programming over rows and columns, for all beginnings at
+    once: the most gain of the first i rows and j columns comes from leaving out the last row, or
+    the last column, or from matching both.
+    """
+    n, m = gains.shape
+    columns = np.arange(m)
+    turned = (columns[:, None] + columns) % m if cyclic else columns[None]
+    if not n or not m:
+        return ()
+    best = np.zeros((n + 1, len(turned), m + 1))
+    for i in range(n):
+        matched = best[i, :, :-1] + gains[i][turned]
+        best[i + 1, :, 1:] = np.maximum(best[i, :, 1:], matched)
+        best[i + 1] = np.maximum.accumulate(best[i + 1], axis=1)
+    start = int(np.argmax(best[n, :, m]))
+    table, order = best[:, start], turned[start].tolist()
+    pairs = []
+    i, j = n, m
+    while i and j:
+        if table[i, j] == table[i - 1, j]:
+            i -= 1
+        elif table[i, j] == table[i, j - 1]:
+            j -= 1
+        else:
+            i, j = i - 1, j - 1
+            pairs.append((i, order[j]))
+    return tuple(reversed(pairs))

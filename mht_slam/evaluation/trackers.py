@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from mht_slam.arrays import FloatArray, finite_number, whole_number
 from mht_slam.association import MISSED, Association
 from mht_slam.errors import OptionError
+from mht_slam.matchings import best_in_order
 from mht_slam.measurements import StraightRun, wrap_angle
 
 RATE_STEPS = 2
@@ -76,7 +77,7 @@ def order_keeping_tracker(
         predicted = _predicted(live, scan, with_rate=with_rate)
         order = np.argsort(seen.bearings, kind="stable")
         bearings = seen.bearings[order]
-        pairs = _aligned(_gain(predicted, bearings, gate))
+        pairs = best_in_order(_gain(predicted, bearings, gate))
         owners = {j: live[i] for i, j in pairs}
         found = [owners.get(j) or _Track() for j in range(len(bearings))]
         for track, detection, bearing in zip(found, order.tolist(), bearings.tolist(), strict=True):
@@ -123,26 +124,6 @@ def _gain(predicted: FloatArray, bearings: FloatArray, gate: float) -> FloatArra
     """(n_live, n_detections): what a match saves against leaving both alone, at least 0."""
     turn: FloatArray = np.abs(wrap_angle(predicted[:, None] - bearings))
     return np.maximum(gate**2 - turn**2, 0.0)
-
-
-def _aligned(gain: FloatArray) -> list[tuple[int, int]]:
-    """Return the increasing pairs of rows and columns with the greatest sum of gains."""
-    n, m = gain.shape
-    best = np.zeros((n + 1, m + 1))
-    for i in range(n):
-        for j in range(m):
-            best[i + 1, j + 1] = max(best[i, j + 1], best[i + 1, j], best[i, j] + gain[i, j])
-    pairs = []
-    i, j = n, m
-    while i and j:
-        if best[i, j] == best[i - 1, j]:
-            i -= 1
-        elif best[i, j] == best[i, j - 1]:
-            j -= 1
-        else:
-            i, j = i - 1, j - 1
-            pairs.append((i, j))
-    return pairs[::-1]
 
 
 def _merged(

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+from scipy.linalg import lapack
 
 from mht_slam import factors
 from mht_slam.arrays import FloatArray
-from mht_slam.compiled import compiled
 
 CONDITION_LIMIT = 1e12
 """Condition of the Hessian, scaled to a unit diagonal, beyond which doubles say nothing.
@@ -75,67 +75,29 @@ def _sound_inverse(hessian: FloatArray) -> tuple[float, FloatArray]:
     Its condition in the 1-norm, which the inverse gives for nothing, bounds that in the 2-norm; so
     the eigenvalues are needed only where it says that there may be trouble.
     """
+    diagonal = hessian.diagonal()
     if not math.isfinite(hessian.sum()):
         raise SingularGraphError("the Hessian at the optimum is not finite")
-    if not hessian.diagonal().min() > 0.0:
+    if not diagonal.min() > 0.0:
         raise SingularGraphError("the Hessian at the optimum has an empty row")
-    log_determinant, inverse, condition = _inverted(hessian)
+    scale = 1.0 / np.sqrt(diagonal)
+    outer = scale * scale[:, None]
+    scaled = hessian * outer
+    root, order = lapack.dpotrf(scaled, lower=1)
+    if order != 0:
+        _check_eigenvalues(scaled)
+        raise SingularGraphError("the Hessian at the optimum has no Cholesky factor")
+    inverse_root = lapack.dtrtri(root, lower=1)[0]
+    inverse = inverse_root.T @ inverse_root
+    condition = np.abs(scaled).sum(axis=0).max() * np.abs(inverse).sum(axis=0).max()
     if not condition <= CONDITION_LIMIT:
-        _check_eigenvalues(hessian)
-        if not condition < math.inf:
-            raise SingularGraphError("the Hessian at the optimum has no Cholesky factor")
-    return log_determinant, inverse
+        _check_eigenvalues(scaled)
+    log_determinant = 2.0 * float(np.log(root.diagonal()).sum() - np.log(scale).sum())
+    return log_determinant, np.ascontiguousarray(inverse * outer)
 
 
-@compiled
-def _inverted(hessian: FloatArray) -> tuple[float, FloatArray, float]:
-    """Log determinant and inverse of a symmetric matrix, and its condition after scaling.
-
-    The matrix is scaled to a unit diagonal and factorised, S = L D L^T; with M = L^-1 its inverse
-    is M^T D^-1 M. Elimination takes S to D L^T and the identity to M, row by row. The condition is
-    the one in the 1-norm, infinite where D is not positive.
-    """
-    d = len(hessian)
-    scale = np.empty(d)
-    for i in range(d):
-        scale[i] = 1.0 / math.sqrt(hessian[i, i])
-    rest, scaled_norm = np.empty((d, d)), 0.0
-    for i in range(d):
-        total = 0.0
-        for j in range(d):
-            rest[i, j] = hessian[i, j] * (scale[i] * scale[j])
-            total += abs(rest[i, j])
-        scaled_norm = max(scaled_norm, total)
-    lower, inverse = np.eye(d), np.zeros((d, d))
-    log_determinant = 0.0
-    for k in range(d):
-        pivot = rest[k, k]
-        if not pivot > 0.0:
-            return -math.inf, inverse, math.inf
-        log_determinant += math.log(pivot) - 2.0 * math.log(scale[k])
-        for i in range(k + 1, d):
-            share = rest[k, i] / pivot
-            for j in range(i, d):
-                rest[i, j] -= share * rest[k, j]
-            for j in range(k + 1):
-                lower[i, j] -= share * lower[k, j]
-        row = lower[k] / math.sqrt(pivot)
-        for i in range(k + 1):
-            for j in range(k + 1):
-                inverse[i, j] += row[i] * row[j]
-    inverse_norm = 0.0
-    for i in range(d):
-        total = 0.0
-        for j in range(d):
-            total += abs(inverse[i, j])
-            inverse[i, j] *= scale[i] * scale[j]
-        inverse_norm = max(inverse_norm, total)
-    return log_determinant, inverse, scaled_norm * inverse_norm
-
-
-def _check_eigenvalues(hessian: FloatArray) -> None:
-    scale = 1.0 / np.sqrt(hessian.diagonal())
-    eigenvalues = np.linalg.eigvalsh(hessian * scale * scale[:, None])
+def _check_eigenvalues(scaled: FloatArray) -> None:
+    eigenvalues = np.linalg.eigvalsh(scaled)
     low, high = float(eigenvalues[0]), float(eigenvalues[-1])
     if low <= 0.0 or high / low > CONDITION_LIMIT:
         raise SingularGraphError(

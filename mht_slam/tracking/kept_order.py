@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mht_slam.arrays import FloatArray
 from mht_slam.association import MISSED
+from mht_slam.matchings import best_in_order
 from mht_slam.tracking.order import TURN, apparent_angles
 from mht_slam.tracking.scan_step import ScanStep
 from mht_slam.tracking.tracks import Track
@@ -26,7 +26,7 @@ def next_order(tracks: Sequence[Track], step: ScanStep) -> tuple[list[Track], li
     """
     order = _exchanged(list(tracks), step)
     detections = np.argsort(step.bearings, kind="stable").tolist()
-    pairs = _aligned(step.gains(order)[:, detections])
+    pairs = best_in_order(step.gains(order)[:, detections], cyclic=True)
     owned = {row: detections[column] for row, column in pairs}
     after = [step.after(*seen) for seen in _settled(order, owned, step)]
     going_on = [track for track in after if not track.has_ended]
@@ -80,32 +80,6 @@ def _settled(
 def _may_exchange(bearings: Sequence[float], member: int) -> bool:
     """Whether an apparent angle exceeds 180 degrees while one of a pair hides the other."""
     return bool((apparent_angles(np.delete(bearings, member)) > np.pi).any())
-
-
-def _aligned(gains: FloatArray) -> list[tuple[int, int]]:
-    """Pairs of rows and columns in the same cyclic order with the greatest sum of gains."""
-    n, m = gains.shape
-    if not n or not m:
-        return []
-    rotations = (np.arange(m)[:, None] + np.arange(m)) % m
-    best = np.zeros((n + 1, m, m + 1))
-    for i in range(n):
-        matched = best[i, :, :-1] + gains[i][rotations]
-        best[i + 1, :, 1:] = np.maximum(best[i, :, 1:], matched)
-        best[i + 1] = np.maximum.accumulate(best[i + 1], axis=1)
-    start = int(np.argmax(best[n, :, m]))
-    table = best[:, start]
-    pairs = []
-    i, j = n, m
-    while i and j:
-        if table[i, j] == table[i - 1, j]:
-            i -= 1
-        elif table[i, j] == table[i, j - 1]:
-            j -= 1
-        else:
-            i, j = i - 1, j - 1
-            pairs.append((i, int(rotations[start, j])))
-    return pairs
 
 
 def _insert(order: list[Track], track: Track) -> None:
