@@ -62,6 +62,17 @@ def test_noiseless_tracks_exchange_places_exactly_where_geometry_says(
     assert {(exchange.before, exchange.pair) for exchange in seen} == predicted
 
 
+@pytest.mark.parametrize("seed", [61, 74])
+def test_a_robot_that_keeps_turning_loses_nobody_though_its_turns_are_misjudged(
+    dense_run: DenseRun, seed: int
+) -> None:
+    """While no nearness is known, turns that last are misjudged alike scan after scan."""
+    scene = dense_run(seed, bend=-0.08)
+    assert tracked(scene.scans, CLEAR).association == scene.truth
+    trusting = dataclasses.replace(CLEAR, turn_error_sigma=0.0)
+    assert tracked(scene.scans, trusting).association != scene.truth
+
+
 def scans_of(landmarks: Sequence[tuple[float, float]], xs: np.ndarray) -> list[BearingScan]:
     points = np.array(landmarks)
     return [BearingScan(np.arctan2(points[:, 1], points[:, 0] - x)) for x in xs]

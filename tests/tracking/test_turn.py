@@ -18,10 +18,13 @@ DEGREE = math.radians(1.0)
 
 
 def predictions_at(bearings: np.ndarray) -> list[Prediction]:
-    covariance = np.diag([DEGREE**2, 0.01**2])
+    covariance = np.diag([DEGREE**2, 0.01**2, CONFIG.turn_error_sigma**2])
     return [
         Prediction(
-            begin(k, 0, k, float(b), CONFIG.sigma**2, CONFIG), np.array([b, 0.03]), covariance, 0.99
+            begin(k, 0, k, float(b), CONFIG.sigma**2, CONFIG),
+            np.array([b, 0.03, 0.0]),
+            covariance,
+            0.99,
         )
         for k, b in enumerate(bearings)
     ]
