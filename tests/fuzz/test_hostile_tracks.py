@@ -52,6 +52,7 @@ def test_tracking_survives(seen: list[ms.BearingScan], survives: Survives, data:
         step_change_sigma=draw(mostly(0.03, 0.0, 1e9)),
         drift_sigma=draw(mostly(0.03, 0.0, 1e9)),
         turn_sigma=draw(mostly(0.05, 1e-12, 1e9)),
+        turn_error_sigma=draw(mostly(0.01, 0.0, 1e-12, 1e9)),
         confirm=draw(st.sampled_from([1, 3])),
         window=draw(st.sampled_from([1, 4, 20])),
         n_alternatives=draw(st.sampled_from([1, 3, 10])),
