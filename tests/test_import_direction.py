@@ -41,7 +41,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "comparison": set(VALUES),
     "presets": {"models"},
     "vision": set(VALUES),
-    "simulation": {*VALUES, "vision"},  # the renderer draws what vision's camera model would see
+    # The renderer draws what vision's camera would see, and drives are those of the recordings.
+    "simulation": {*VALUES, "vision", "datasets"},
     "datasets": set(VALUES),
     "consistency": set(FOUNDATION),
     "polygon": {*FOUNDATION, "consistency"},
@@ -54,14 +55,15 @@ MAY_IMPORT: dict[str, set[str]] = {
     "pipeline": {*FOUNDATION, *MAIN_JOB},
     "fitting": {*FOUNDATION, "evidence", "graph", "tree"},
     "incremental": {*FOUNDATION, *MAIN_JOB},
-    "evaluation": {*FOUNDATION, *MAIN_JOB, "incremental", "simulation"},  # the bench draws scenes
+    # The bench draws scenes; ceilings and baselines read the drives of recordings.
+    "evaluation": {*FOUNDATION, *MAIN_JOB, "incremental", "simulation", "datasets"},
     "plotting": {*FOUNDATION, *MAIN_JOB, "incremental", "evaluation", "vision"},
     "cli": {*FOUNDATION, *READERS_OF_THE_VALUES, *MAIN_JOB, *AROUND_IT, "presets"},
 }
 """The packages and modules of mht_slam that each one may import, besides itself."""
 
 ONLY_IN = {
-    "gtsam": {"graph", "factors", "tree", "incremental"},
+    "gtsam": {"graph", "factors", "tree", "incremental", "evaluation"},
     "shapely": {"hypotheses", "consistency", "polygon", "plotting", "pipeline"},
     "numba": {"compiled"},
     "skimage": {"vision"},

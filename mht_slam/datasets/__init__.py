@@ -11,6 +11,9 @@ from mht_slam.datasets.dlr_runs import labelled_run as labelled_run
 from mht_slam.datasets.dlr_runs import relaxed_runs as relaxed_runs
 from mht_slam.datasets.dlr_runs import three_scan_runs as three_scan_runs
 from mht_slam.datasets.dlr_segments import Segment as Segment
+from mht_slam.datasets.drive import Drive as Drive
+from mht_slam.datasets.drive import windows as windows
+from mht_slam.datasets.drive_dlr import dlr_drive as dlr_drive
 from mht_slam.datasets.labelled_runs import LabelledRun as LabelledRun
 from mht_slam.datasets.location import data_folder as data_folder
 from mht_slam.datasets.scan_files import ScanFile as ScanFile
