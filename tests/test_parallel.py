@@ -6,7 +6,7 @@ import logging
 import math
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
 from functools import partial
 from itertools import permutations, product
@@ -165,20 +165,12 @@ def test_exact_evidence_is_the_same_bits_with_a_pool(
     assert bits(weighed) == bits(evidence_by_quadrature(run, serial, sigma=SIGMA))
 
 
-def test_dask_workers_give_the_same_bits_and_may_be_killed(tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
+def test_dask_workers_give_the_same_bits_and_may_be_killed(
+    tmp_path: Path, start_dask: Callable[[int], Any]
+) -> None:
     run = a_run()
     candidates = all_associations()
-    cluster = distributed.LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        processes=True,
-        host="127.0.0.1",
-        protocol="tcp",
-        dashboard_address=None,
-        silence_logs=logging.CRITICAL,
-    )
-    with cluster, distributed.Client(cluster) as client:
+    with start_dask(2) as cluster, cluster.get_client() as client:
         executor = client.get_executor()
         refined = refine(run, candidates, sigma=SIGMA, evidence="laplace", executor=executor)
         ranked = rank_by_evidence(run, sigma=SIGMA, executor=executor)

@@ -8,8 +8,10 @@ import math
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -265,17 +267,10 @@ def test_more_workers_give_the_same_bytes(tmp_path: Path) -> None:
         assert alone.read_bytes() == together.read_bytes()
 
 
-def test_the_workers_of_a_dask_cluster_give_the_same_bytes(scan_file: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
-    cluster = distributed.LocalCluster(
-        n_workers=1,
-        threads_per_worker=1,
-        processes=True,
-        host="127.0.0.1",
-        protocol="tcp",
-        dashboard_address=None,
-    )
-    with cluster:
+def test_the_workers_of_a_dask_cluster_give_the_same_bytes(
+    scan_file: Path, tmp_path: Path, start_dask: Callable[[int], Any]
+) -> None:
+    with start_dask(1) as cluster:
         dask = ["--dask", cluster.scheduler_address]
         assert main(["solve", str(scan_file), *dask, "--output", str(tmp_path / "dask")]) == 0
     assert main(["solve", str(scan_file), "--output", str(tmp_path / "alone")]) == 0

@@ -10,11 +10,13 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -167,20 +169,14 @@ def test_a_killed_worker_of_a_pool_loses_nothing(
 
 
 def test_a_killed_dask_worker_loses_nothing(
-    own: ModuleType, small_sweep: Sweep, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    own: ModuleType,
+    small_sweep: Sweep,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    start_dask: Callable[[int], Any],
 ) -> None:
-    distributed = pytest.importorskip("distributed")
     monkeypatch.setenv("BENCH_TEST_MARKER", str(tmp_path / "killed"))
-    cluster = distributed.LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        processes=True,
-        host="127.0.0.1",
-        protocol="tcp",
-        dashboard_address=None,
-        silence_logs=logging.CRITICAL,
-    )
-    with cluster, distributed.Client(cluster) as client:
+    with start_dask(2) as cluster, cluster.get_client() as client:
         survived = compare(
             small_sweep,
             {"kills": own.KILLS},
