@@ -1,5 +1,7 @@
 """Worlds, trajectories and sensors: scenes whose true association is known."""
 
+from mht_slam.simulation.drives import OdometryNoise as OdometryNoise
+from mht_slam.simulation.drives import simulate_drive as simulate_drive
 from mht_slam.simulation.paper_scene import paper_scene as paper_scene
 from mht_slam.simulation.scenes import Scene as Scene
 from mht_slam.simulation.scenes import observe_scene as observe_scene

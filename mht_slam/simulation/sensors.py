@@ -103,8 +103,7 @@ class Sensor:
         """
         bearings, ranges = bearings_and_ranges(pose, landmarks)
         seen = np.flatnonzero(
-            self._in_view(bearings, ranges)
-            & ~self._hidden(bearings, ranges)
+            self.visible(bearings, ranges)
             & (rng.random(len(landmarks)) < self.detection_probability)
         )
         # One draw per landmark, seen or not, keeps scenes of one seed comparable across sensors.
@@ -116,6 +115,10 @@ class Sensor:
             scan=BearingScan(np.concatenate([noisy, false])[order]),
             landmark_of_detection=freeze(labels[order]),
         )
+
+    def visible(self, bearings: FloatArray, ranges: FloatArray) -> BoolArray:
+        """Which landmarks at these true bearings and ranges, (n,), are in view and not hidden."""
+        return self._in_view(bearings, ranges) & ~self._hidden(bearings, ranges)
 
     def _in_view(self, bearings: FloatArray, ranges: FloatArray) -> BoolArray:
         in_angle = np.abs(bearings) <= 0.5 * self.field_of_view
