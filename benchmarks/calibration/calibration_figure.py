@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
 from calibration_cells import Cell
 from calibration_scores import LAPLACE, LIKELIHOOD, POLYGONS, QUADRATURE, Row
 from calibration_tables import forecasts
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mht_slam.evaluation.calibration import reliability_curve
-from mht_slam.evaluation.significance import wilson_interval
+from mht_slam.plotting.reliability import draw_reliability_curve
 
 FEWEST = 15
 """Candidates of a bin that is drawn; a curve breaks at bins with fewer."""
@@ -49,7 +46,14 @@ def draw(cells: Sequence[Cell], rows: Sequence[Row]) -> Figure:
     for axes, (title, mine) in zip(panels, groups, strict=True):
         axes.plot([0, 1], [0, 1], color="0.8", linewidth=4, zorder=1, solid_capstyle="butt")
         for place, (scorer, style) in enumerate(STYLES.items()):
-            _draw_curve(axes, mine, scorer, style, _SIDESTEP * (place - 1.5))
+            draw_reliability_curve(
+                axes,
+                forecasts(mine, scorer),
+                scorer,
+                style,
+                fewest=FEWEST,
+                sidestep=_SIDESTEP * (place - 1.5),
+            )
         axes.set(
             xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal", xlabel="stated probability"
         )
@@ -68,31 +72,3 @@ def draw(cells: Sequence[Cell], rows: Sequence[Row]) -> Figure:
         frameon=False,
     )
     return figure
-
-
-def _draw_curve(
-    axes: Axes, rows: Sequence[Row], scorer: str, style: dict[str, object], sidestep: float
-) -> None:
-    said = [forecast for forecast in forecasts(rows, scorer) if len(forecast.probabilities)]
-    if not said:
-        return
-    curve = reliability_curve(said, "all")
-    drawn = curve.counts >= FEWEST
-    rate = np.where(drawn, curve.rate, np.nan)
-    intervals = [
-        wilson_interval(round(count * share) if count else 0, count)
-        for count, share in zip(curve.counts.tolist(), curve.rate.tolist(), strict=True)
-    ]
-    low, high = (np.array([getattr(i, end) for i in intervals]) for end in ("low", "high"))
-    errors = np.where(drawn, np.maximum([rate - low, high - rate], 0.0), np.nan)
-    axes.errorbar(
-        curve.mean_probability + sidestep,
-        rate,
-        yerr=errors,
-        label=scorer,
-        markersize=4.5,
-        linewidth=1.2,
-        elinewidth=0.8,
-        zorder=3,
-        **style,  # type: ignore[arg-type]
-    )

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from mht_slam.evaluation.bench.methods import CEILINGS, GRAPH_EVIDENCE, ORDER_KEEPING, POLYGON
 from mht_slam.evaluation.bench.summary import Agreement, Summary, rate_text
 from mht_slam.evaluation.bench.tables import forecast_of
-from mht_slam.evaluation.calibration import Forecast, reliability_curve
-from mht_slam.evaluation.significance import wilson_interval
+from mht_slam.evaluation.calibration import Forecast
 from mht_slam.plotting.bench_rates import Captioned, method_styles
+from mht_slam.plotting.reliability import draw_reliability_curve
 from mht_slam.plotting.style import INK, TRUTH_TONE
 
 FEWEST = 8
@@ -42,8 +42,9 @@ def reliability_figure(summary: Summary) -> Captioned | None:
               label="perfect calibration")  # fmt: skip
     shown = [name for name in styles if name in said]
     for place, name in enumerate(shown):
-        _draw_curve(axes, said[name], name, styles[name],
-                    _SIDESTEP * (place - 0.5 * (len(shown) - 1)))  # fmt: skip
+        sidestep = _SIDESTEP * (place - 0.5 * (len(shown) - 1))
+        draw_reliability_curve(axes, said[name], name, styles[name], fewest=FEWEST, n_bins=N_BINS,
+                               sidestep=sidestep)  # fmt: skip
     axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), aspect="equal",
              xlabel="stated probability of a candidate",
              ylabel="share of such candidates that were true, 95 % interval")  # fmt: skip
@@ -123,26 +124,6 @@ def _said(summary: Summary) -> dict[str, list[Forecast]]:
             if verdict.method in stating and forecast is not None:
                 found.setdefault(verdict.method, []).append(forecast)
     return found
-
-
-def _draw_curve(
-    axes: Axes, said: Sequence[Forecast], name: str, style: dict[str, object], sidestep: float
-) -> None:
-    answered = [forecast for forecast in said if len(forecast.probabilities)]
-    if not answered:
-        return
-    curve = reliability_curve(answered, "all", n_bins=N_BINS)
-    drawn = curve.counts >= FEWEST
-    rate = np.where(drawn, curve.rate, np.nan)
-    intervals = [
-        wilson_interval(round(count * share) if count else 0, count)
-        for count, share in zip(curve.counts.tolist(), curve.rate.tolist(), strict=True)
-    ]
-    low, high = (np.array([getattr(i, end) for i in intervals]) for end in ("low", "high"))
-    errors = np.where(drawn, np.maximum([rate - low, high - rate], 0.0), np.nan)
-    axes.errorbar(curve.mean_probability + sidestep, rate, yerr=errors, label=name,
-                  markersize=4.5, linewidth=1.2, elinewidth=0.8, zorder=3,
-                  **style)  # type: ignore[arg-type]  # fmt: skip
 
 
 def _draw_taus(axes: Axes, found: Sequence[Agreement], places: np.ndarray) -> None:
