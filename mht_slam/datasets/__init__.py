@@ -13,7 +13,11 @@ from mht_slam.datasets.dlr_runs import three_scan_runs as three_scan_runs
 from mht_slam.datasets.dlr_segments import Segment as Segment
 from mht_slam.datasets.drive import Drive as Drive
 from mht_slam.datasets.drive import windows as windows
+from mht_slam.datasets.drive_car_park import car_park_drive as car_park_drive
 from mht_slam.datasets.drive_dlr import dlr_drive as dlr_drive
+from mht_slam.datasets.drive_mrclam import mrclam_drive as mrclam_drive
+from mht_slam.datasets.drive_victoria_park import victoria_park_drive as victoria_park_drive
+from mht_slam.datasets.drive_victoria_park import victoria_park_windows as victoria_park_windows
 from mht_slam.datasets.labelled_runs import LabelledRun as LabelledRun
 from mht_slam.datasets.location import data_folder as data_folder
 from mht_slam.datasets.scan_files import ScanFile as ScanFile

@@ -9,6 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from mht_slam.arrays import FloatArray
 from mht_slam.errors import RecordingError
 
 
@@ -68,3 +71,33 @@ def read_table(
             raise read.error("row", f"{len(cells)} fields", f"expected {len(columns)}")
         else:
             yield read, dict(zip(columns, cells, strict=True))
+
+
+def read_numbers(path: Path, fields: tuple[str, ...]) -> FloatArray:
+    """Read lines of finite numbers between blanks, the first of them a time; (k, len(fields)).
+
+    Blank lines and those that begin with # are left out. Raises `RecordingError`, with file, line
+    and field, for another number of fields, a value that is no finite number, or time that runs
+    backwards.
+    """
+    lines = enumerate(read_text(path).split("\n"), start=1)
+    rows = [(line, text.split()) for line, text in lines if text.strip() and text.strip()[0] != "#"]
+    for line, words in rows:
+        if len(words) != len(fields):
+            what = f"{len(words)} fields"
+            raise FieldReader(path, line).error("row", what, f"expected {' '.join(fields)}")
+    try:
+        numbers = np.array([words for _, words in rows], dtype=np.float64)
+    except ValueError:
+        numbers = np.full((len(rows), len(fields)), math.nan)
+    if not np.isfinite(numbers).all():  # again, and slowly: one of them is to be named
+        for line, words in rows:
+            for word, name in zip(words, fields, strict=True):
+                FieldReader(path, line).number(word, name)
+    numbers = numbers.reshape(-1, len(fields))
+    back = np.flatnonzero(np.diff(numbers[:, 0]) < 0.0)
+    if len(back):
+        line, words = rows[back[0] + 1]
+        what = f"it runs backwards from {rows[back[0]][1][0]}"
+        raise FieldReader(path, line).error(fields[0], words[0], what)
+    return numbers
