@@ -17,7 +17,6 @@ from mht_slam.errors import OptionError
 from mht_slam.evaluation.bench.case import Assumptions, Case
 from mht_slam.evaluation.bench.compare import Outcome, compare
 from mht_slam.evaluation.bench.judging import AnswerError, Verdict, ordered_answers, verdict_on
-from mht_slam.evaluation.bench.map_error import CUTOFF, gospa
 from mht_slam.evaluation.bench.methods import (
     CEILINGS,
     METHODS,
@@ -217,15 +216,6 @@ def test_the_rank_counts_the_answers_before_the_truth(scores: list[float], seed:
         assert better < (verdict.rank or 0) <= better + tied
     read = all(0.0 <= s <= 1.0 for _, s in answers) and sum(s for _, s in answers) <= 1.0 + 1e-6
     assert (verdict.forecast is not None) == read
-
-
-def test_gospa_is_zero_on_the_truth_and_half_a_cutoff_for_each_landmark_left_over() -> None:
-    true = np.array([[0.0, 1.0], [2.0, 1.0], [5.0, -3.0]])
-    assert gospa(true[::-1], true) == 0.0
-    assert gospa(true[:2], true) == 0.5 * CUTOFF
-    assert gospa(np.empty((0, 2)), true) == 1.5 * CUTOFF
-    assert gospa(true + np.array([0.0, 0.25]), true) == pytest.approx(0.75)
-    assert gospa(true + np.array([100.0, 0.0]), true) == pytest.approx(3 * CUTOFF)
 
 
 def test_candidates_hold_the_truth_and_come_in_a_fixed_order() -> None:
