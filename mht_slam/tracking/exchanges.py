@@ -35,9 +35,10 @@ def exchanges(scans: Sequence[BearingScan], association: Association) -> tuple[E
     """List every exchange of two landmarks in the visual order, in the order of the scans.
 
     Two bearings have exchanged places where the one that was counter-clockwise of the other is
-    clockwise of it at the next scan that sees both apart, less than 90 degrees away at both. Raises
-    `MeasurementError` for anything but scans, and `AssociationError` unless the association is over
-    them. Source: docs/method.md, section 6.
+    clockwise of it at the next scan that sees both apart, less than 90 degrees away at both. Two
+    landmarks alone can do so too, though two have but one cyclic order. Raises `MeasurementError`
+    for anything but scans, and `AssociationError` unless the association is over them. Source:
+    docs/method.md, section 6.
     """
     for number, scan in enumerate(scans):
         if not isinstance(scan, BearingScan):

@@ -16,7 +16,7 @@ from mht_slam.tracking.order import apparent_angles
 Zone: TypeAlias = Literal["A", "B", "C"]
 
 MIN_LANDMARKS = 3
-"""Fewest landmarks with an inside."""
+"""Fewest landmarks with an inside, and with more than one cyclic order."""
 
 FARTHEST = 1e100
 """Coordinates whose products are still numbers."""
@@ -134,7 +134,8 @@ def order_changes(path: npt.ArrayLike, landmarks: npt.ArrayLike) -> tuple[OrderC
         for segment, parameter in _crossings(beside):
             start, end = vertices[segment], vertices[segment + 1]
             place = start + parameter * (end - start)
-            if float((points[i] - place) @ (points[j] - place)) > 0.0:
+            outside = float((points[i] - place) @ (points[j] - place)) > 0.0
+            if outside and len(points) >= MIN_LANDMARKS:
                 other = np.delete(points, j, axis=0) - place  # the pair has one bearing there
                 largest = apparent_angles(np.arctan2(other[:, 1], other[:, 0])).max()
                 changes.append(

@@ -142,6 +142,8 @@ def test_the_paper_rule_misses_a_change_before_landmarks_all_around() -> None:
 
 LINE = [(0.0, 0.0), (1.0, 0.0)]
 """Two landmarks: their line is the x axis."""
+ASIDE = (0.5, -1000.0)
+"""A third one, whose lines with the others no path below crosses."""
 
 
 @pytest.mark.parametrize(
@@ -163,7 +165,16 @@ LINE = [(0.0, 0.0), (1.0, 0.0)]
 def test_paths_that_meet_the_line_follow_the_documented_rule(
     path: list[tuple[float, float]], places: list[tuple[int, float]]
 ) -> None:
-    assert [(c.segment, c.parameter) for c in order_changes(path, LINE)] == places
+    changes = order_changes(path, [*LINE, ASIDE])
+    assert [(c.segment, c.parameter) for c in changes] == places
+    assert {c.pair for c in changes} <= {(0, 1)}
+
+
+@given(SEEDS)
+def test_two_landmarks_alone_have_one_order(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    landmarks, path = rng.uniform(-5.0, 5.0, (2, 2)), rng.uniform(-6.0, 6.0, (4, 2))
+    assert order_changes(path, landmarks) == ()
 
 
 def test_three_landmarks_in_a_line_exchange_places_pair_by_pair() -> None:
