@@ -15,7 +15,11 @@ from mht_slam.tracking.options import TrackerConfig
 OBSERVATION = np.array([[1.0, 0.0, 0.0]])
 
 FIRST_EXISTENCE = 0.5
-"""Chance that a detection which continues no track is a landmark."""
+"""Chance that a detection which continues no track is a landmark.
+
+Not ``new_rate / unassigned_rate``: that counts landmarks that come into view, and those of the
+first scan, or found again after many misses, were in view. Dense runs cannot tell the two apart.
+"""
 GONE = 0.005
 """A track that is there with less than this chance has ended."""
 SMALLEST_NOISE = 1e-3

@@ -146,6 +146,42 @@ def test_a_sharp_turn_of_the_robot_loses_nobody() -> None:
     assert tracked(scans, CLEAR).association == Association.from_labels([range(5)] * 40)
 
 
+def test_half_of_the_last_turn_is_expected_again() -> None:
+    """On a ring of equal gaps, turns by x and by x less a gap look alike."""
+    gap = 40.0 * DEGREE
+    ring = gap * np.arange(9)
+    turns = gap * np.array([0.0] * 6 + [0.3, 0.55, 0.55, 0.0, 0.0, -0.3, -0.55, -0.55, 0.0])
+    scans = [BearingScan(ring - heading) for heading in np.cumsum(turns)]
+    truth = Association.from_labels([range(9)] * len(scans))
+    assert tracked(scans, CLEAR).association == truth
+
+
+def test_a_robot_that_drifts_off_its_heading_loses_nobody() -> None:
+    drifts = {seed: drifting_run(seed, CLEAR.drift_sigma) for seed in (0, 1, 5, 13)}
+    for scans, truth in drifts.values():
+        assert tracked(scans, CLEAR).association == truth
+    for wrong in (0.0, 10.0 * CLEAR.drift_sigma):
+        config = dataclasses.replace(CLEAR, drift_sigma=wrong)
+        lost = [tracked(scans, config).association != truth for scans, truth in drifts.values()]
+        assert sum(lost) >= 2
+
+
+def drifting_run(seed: int, drift: float) -> tuple[list[BearingScan], Association]:
+    """Landmarks from four steps away on; the robot moves now left and now right of its heading."""
+    rng = np.random.default_rng(seed)
+    directions = drift * rng.standard_normal(39)
+    moves = 0.1 * np.column_stack([np.cos(directions), np.sin(directions)])
+    points = np.vstack([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
+    landmarks: list[np.ndarray] = []
+    while len(landmarks) < 6:
+        place = rng.uniform([-2.0, -3.0], [6.0, 3.0])
+        if np.hypot(*(points - place).T).min() > 0.4:
+            landmarks.append(place)
+    away = np.array(landmarks) - points[:, None]
+    scans = [BearingScan(np.arctan2(a[:, 1], a[:, 0])) for a in away]
+    return scans, Association.from_labels([range(6)] * len(scans))
+
+
 def test_landmarks_that_enter_and_leave_the_view_have_tracks_of_their_own() -> None:
     along = np.arange(0.0, 8.0, 0.1)
     landmarks = np.array([(2.0, 1.5), (4.0, 2.0), (6.0, -1.5), (7.5, 2.5)])

@@ -99,3 +99,15 @@ def test_a_landmark_straight_ahead_stays_ahead_until_it_is_seen_elsewhere() -> N
     for k in range(1, 200):
         track = see(carry_on(track, CONFIG), k, 0, 0.001, VARIANCE)
         assert abs(track.mean[0]) < 0.01
+
+
+def test_a_landmark_of_unknown_range_comes_no_nearer_than_five_steps() -> None:
+    """It may be anywhere ahead: by its prior range it would have been passed long since."""
+    track, nearest = begin(0, 0, 0, 0.0, VARIANCE, CONFIG), 0.0
+    for k in range(1, 100):
+        track = see(carry_on(track, CONFIG), k, 0, 0.0, VARIANCE)
+        nearest = max(nearest, float(track.mean[1]))
+        assert track.mean[0] == pytest.approx(0.0, abs=1e-9)
+    assert nearest == pytest.approx(1 / 5)
+    known = carry_on(at(0.0, 0.4), CONFIG)
+    assert known.mean[1] == pytest.approx(1.0 / (1.0 / 0.4 - 1.0))
