@@ -20,9 +20,10 @@ from mht_slam.graph.problem import make_problem
 from mht_slam.measurements import StraightRun
 from mht_slam.models import ObservationModel
 from mht_slam.progress import Progress
-from mht_slam.tree.branch import LostError, anew, log_pattern
+from mht_slam.tree.branch import LostError, anew
 from mht_slam.tree.effort import Effort
 from mht_slam.tree.grow import grow
+from mht_slam.tree.pattern import log_pattern
 from mht_slam.tree.setting import Setting
 
 BOUNDS: Final[Mapping[str, tuple[float, float]]] = MappingProxyType(

@@ -17,12 +17,8 @@ from mht_slam.evidence.visibility import (
     sightlines,
 )
 from mht_slam.measurements import wrap_angle
-from mht_slam.tree.branch import (
-    Branch,
-    chances_along_rays,
-    single_bearings,
-    single_weights,
-)
+from mht_slam.tree.branch import Branch
+from mht_slam.tree.pattern import chances_along_rays, single_bearings, single_weights
 from mht_slam.tree.proposals import Proposals
 from mht_slam.tree.setting import Setting
 

@@ -11,10 +11,11 @@ import numpy as np
 from mht_slam.arrays import FloatArray
 from mht_slam.association import MISSED
 from mht_slam.measurements import wrap_angle
-from mht_slam.tree.branch import Branch, LostError, anew, single_weights, triangulated
+from mht_slam.tree.branch import Branch, LostError, anew, triangulated
 from mht_slam.tree.clusters import cluster_log_weights
 from mht_slam.tree.effort import Effort
 from mht_slam.tree.grow import pruned
+from mht_slam.tree.pattern import single_weights
 from mht_slam.tree.setting import Setting
 
 CLOSE = np.deg2rad(6.0)

@@ -14,10 +14,11 @@ from mht_slam.graph.problem import Problem
 from mht_slam.hypotheses import Hypothesis
 from mht_slam.models import ObservationModel
 from mht_slam.progress import Progress
-from mht_slam.tree.branch import Branch, LostError, anew, seen_once_weights
+from mht_slam.tree.branch import Branch, LostError, anew
 from mht_slam.tree.effort import Effort
 from mht_slam.tree.grow import grow, pruned
 from mht_slam.tree.moves import improved
+from mht_slam.tree.pattern import seen_once_weights
 from mht_slam.tree.setting import Setting
 
 RARE = 1e-9
