@@ -5,6 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed-from-lock
 PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip
+PEERS := .venv-peers
+PEERS_PIP := PIP_DISABLE_PIP_VERSION_CHECK=1 $(PEERS)/bin/python -m pip
 JOBS ?= 2
 
 # One thread per process: the matrices are tiny, and threads of parallel workers fight for cores.
@@ -12,7 +14,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test fuzz lint format types docs wheel-check bench bench-check bench-calibration bench-ranking bench-three-scans bench-throughput lock clean
+.PHONY: help venv demo test fuzz lint format types docs wheel-check bench bench-check bench-calibration bench-peers bench-ranking bench-three-scans bench-throughput lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -69,6 +71,18 @@ bench-check: $(STAMP) ## fails when a key figure got worse, a method disappeared
 bench-calibration: $(STAMP) ## do probabilities come true: hours on two cores, goes on where it was
 	$(BIN)/python benchmarks/calibration/calibration.py --workers $(JOBS)
 
+# Peers have an environment of their own: what they need is none of ours to ask of anybody.
+$(PEERS)/.installed: requirements.lock pyproject.toml benchmarks/peers/requirements.txt
+	$(PYTHON) -m venv $(PEERS)
+	$(PEERS_PIP) install --quiet --require-hashes -r requirements.lock
+	$(PEERS_PIP) install --quiet --no-deps -r benchmarks/peers/requirements.txt
+	$(PEERS_PIP) install --quiet --no-deps --no-build-isolation -e .
+	$(PEERS_PIP) check
+	@touch $@
+
+bench-peers: $(PEERS)/.installed ## peers by others on the same scenes: ten minutes, goes on where it was
+	$(PEERS)/bin/python benchmarks/peers/compare.py --output runs/peers --workers $(JOBS)
+
 bench-ranking: $(STAMP) ## exact ranking against exhaustive: half an hour, goes on where it was
 	$(BIN)/python benchmarks/ranking/exact_against_exhaustive.py
 
@@ -85,4 +99,4 @@ lock: $(STAMP) ## resolve requirements.lock anew
 	  --output-file requirements.lock pyproject.toml
 
 clean: ## remove the environment, builds and caches
-	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(PEERS) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis
