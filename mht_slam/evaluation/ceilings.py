@@ -6,14 +6,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from mht_slam.arrays import BoolArray, FloatArray, finite_array, finite_number
+from mht_slam.arrays import BoolArray, FloatArray, finite_array, finite_number, whole_number
 from mht_slam.association import MISSED, Association
+from mht_slam.datasets.drive import Drive
 from mht_slam.errors import OptionError
 from mht_slam.measurements import StraightRun, wrap_angle
 
 
 def assignment_given_truth(
-    run: StraightRun,
+    run: StraightRun | Drive,
     poses: npt.ArrayLike,
     landmarks: npt.ArrayLike,
     sigma: float,
@@ -64,16 +65,23 @@ def assignment_given_truth(
     return Association(table[(table != MISSED).any(axis=1)], run.n_detections)
 
 
-def seen_span(truth: Association) -> BoolArray:
-    """Return (n_landmarks, m): whether the scan is between a landmark's first and last detection.
+def seen_span(truth: Association, max_gap: int | None = None) -> BoolArray:
+    """Return (n_landmarks, m): whether the scan is between two detections of a landmark.
+
+    `max_gap` is the most scans that these two may lie apart: on a long drive that comes back, a
+    landmark was not in view all the time. None: between the first and the last.
 
     >>> seen_span(Association([[-1, 0, -1, 0, -1]], (0, 1, 0, 1, 0))).tolist()
     [[False, True, True, True, False]]
+    >>> seen_span(Association([[0, -1, 0, -1, -1, 0]], (1, 0, 1, 0, 0, 1)), max_gap=2).tolist()
+    [[True, True, True, False, False, True]]
     """
     seen = truth.table != MISSED
-    begun = np.logical_or.accumulate(seen, axis=1)
-    unfinished: BoolArray = np.logical_or.accumulate(seen[:, ::-1], axis=1)[:, ::-1]
-    return begun & unfinished
+    scans = np.arange(seen.shape[1])
+    last = np.maximum.accumulate(np.where(seen, scans, -np.inf), axis=1)
+    following = np.minimum.accumulate(np.where(seen, scans, np.inf)[:, ::-1], axis=1)[:, ::-1]
+    gap = np.inf if max_gap is None else whole_number(max_gap, "max_gap", at_least=1)
+    return np.asarray(np.isfinite(last) & np.isfinite(following) & (following - last <= gap))
 
 
 def _checked(value: npt.ArrayLike, name: str, shape: tuple[int, int]) -> FloatArray:

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mht_slam.association import MISSED, Association
+from mht_slam.datasets.drive import Drive
 from mht_slam.errors import OptionError
 from mht_slam.evaluation.ceilings import assignment_given_truth, seen_span
 from mht_slam.measurements import BearingScan, StraightRun
@@ -117,3 +118,34 @@ def test_a_truth_of_another_shape_is_refused() -> None:
         assignment_given_truth(run, POSES, LANDMARKS, SIGMA, 3.0, in_view=[[True] * 4])
     with pytest.raises(OptionError, match="gate"):
         assignment_given_truth(run, POSES, LANDMARKS, SIGMA, 0.0)
+
+
+@given(
+    st.lists(st.lists(st.booleans(), min_size=7, max_size=7), min_size=1, max_size=3),
+    st.integers(1, 8),
+)
+def test_a_landmark_is_in_view_between_detections_that_are_near(
+    seen: list[list[bool]], max_gap: int
+) -> None:
+    flags = np.array([row for row in seen if any(row)], dtype=bool).reshape(-1, 7)
+    rows, order = flags.tolist(), np.cumsum(flags, axis=0) - 1
+    table = np.where(flags, order, MISSED)
+    truth = Association(table, [len(rows)] * 7)
+    oracle = [
+        [
+            any(
+                a <= k <= b and row[a] != MISSED and row[b] != MISSED and b - a <= max_gap
+                for a in range(7)
+                for b in range(a, 7)
+            )
+            for k in range(7)
+        ]
+        for row in truth.table.tolist()
+    ]
+    assert seen_span(truth, max_gap).tolist() == oracle
+
+
+def test_a_drive_is_read_like_a_run() -> None:
+    run, truth = scene([[0, 1, 2, 3]] * 4)
+    drive = Drive("here", run.scans, tuple(np.arange(4) for _ in run.scans))
+    assert assignment_given_truth(drive, POSES, LANDMARKS, SIGMA, gate=3.0) == truth
