@@ -1,0 +1,325 @@
+"""Children of a branch: the best associations of the next scan over all proposed poses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from mht_slam.arrays import FloatArray
+from mht_slam.association import MISSED
+from mht_slam.incremental.branch import Branch, Window, extended
+from mht_slam.incremental.config import SlamConfig
+from mht_slam.incremental.prediction import best_rows, match_gains, pair_gains, relative_landmarks
+from mht_slam.incremental.steps import Proposals, Step, propose
+from mht_slam.matchings import Matches, best_matching, ranked_matchings
+
+CERTAIN = 1.0 - 1e-9
+"""The greatest chance of a detection: misses stay possible."""
+NEAREST = 0.3
+"""Range tried for a landmark seen once, in lengths of the model."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """Log weights of detections by scan, from the observation model.
+
+    A detection on its own is a landmark seen once or a false alarm, a constant weight in both
+    readings (docs/method.md, section 5). `first` holds for the first scan of a run, where every
+    landmark in view is new, `later` for all others.
+    """
+
+    first_landmark: float
+    first_alone: float
+    later_landmark: float
+    later_alone: float
+
+    @classmethod
+    def of(cls, config: SlamConfig) -> Weights:
+        """Return the weights of a configuration."""
+        model = config.observation_model
+        chance, rate = model.detection_probability, model.false_alarm_rate
+        expected = model.expected_landmarks
+        assert chance is not None and rate is not None and expected is not None  # noqa: S101, PT018
+        coming = expected * max(1.0 - model.stay_probability, 1e-6)
+        return cls(
+            first_landmark=math.log(expected * chance),
+            first_alone=math.log(expected * chance / (2.0 * math.pi) + rate),
+            later_landmark=math.log(coming * chance),
+            later_alone=math.log(coming * chance / (2.0 * math.pi) + rate),
+        )
+
+    def landmark(self, scan: int) -> float:
+        """Log of the expected number of landmarks first detected in a scan."""
+        return self.later_landmark if scan else self.first_landmark
+
+    def alone(self, scan: int) -> float:
+        """Log weight, per radian, of a detection on its own."""
+        return self.later_alone if scan else self.first_alone
+
+
+@dataclass(frozen=True, eq=False)
+class Option:
+    """A child to be.
+
+    Attributes
+    ----------
+    log_score : expected.
+    prediction : of its parent.
+    matches : rows are landmarks, then earlier single detections; columns detections.
+    proposal : the motion at which it does best.
+    """
+
+    log_score: float
+    prediction: Prediction
+    matches: Matches
+    proposal: int
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What a branch expects of the next scan.
+
+    Attributes
+    ----------
+    branch : the parent.
+    proposals : motions tried.
+    relative : (n, 2) landmarks in the frame of the last pose.
+    chances : (n,) of detection, if in view.
+    visible : (n,) chance of being in view.
+    singles : open scan and detection of those that may become landmarks.
+    table : (G, n + s, d) log gains; offsets : (G,) log scores without any match.
+    log_together : (s,) what a pair's pattern adds.
+    """
+
+    branch: Branch
+    proposals: Proposals
+    relative: FloatArray
+    chances: FloatArray
+    visible: FloatArray
+    singles: list[tuple[int, int]]
+    table: FloatArray
+    offsets: FloatArray
+    log_together: FloatArray
+
+
+def predict(
+    branch: Branch, window: Window, step: Step, config: SlamConfig, weights: Weights
+) -> Prediction:
+    """Score every match of the newest scan of the window, at every motion worth trying."""
+    model = config.observation_model
+    newest = len(window.bearings) - 1
+    bearings, sigmas = window.bearings[newest], window.sigmas[newest]
+    dof = math.inf if model.bearing_dof is None else model.bearing_dof
+    stay, back = model.stay_probability, config.return_probability
+    assert model.detection_probability is not None  # noqa: S101 - checked by the configuration
+    visible = stay * branch.visible + (1.0 - branch.visible) * back
+    chances = np.minimum(visible * model.detection_probability, CERTAIN)
+    proposals = propose(step, branch.poses)
+    relative, covariances = relative_landmarks(
+        branch.poses[-1], branch.places, branch.centres, branch.root
+    )
+    singles = _singles(branch, newest, config.pair_within)
+    count = len(proposals.motions)
+    n = len(branch.ids)
+    table = np.empty((count, n + len(singles), len(bearings)))
+    missed = np.empty(count)
+    alone = weights.alone(window.first + newest)
+    match_gains(
+        proposals.motions,
+        proposals.turn_spread,
+        proposals.side_spreads,
+        relative,
+        covariances,
+        chances,
+        0.5 * model.field_of_view,
+        math.inf if config.sight is None else config.sight,
+        bearings,
+        sigmas,
+        alone,
+        dof,
+        table,
+        missed,
+    )
+    log_together = np.empty(len(singles))
+    if singles:
+        here = branch.poses[-1]
+        rays, spreads = np.empty((len(singles), 3)), np.empty(len(singles))
+        for i, (scan, detection) in enumerate(singles):
+            pose = branch.poses[scan + 2]
+            rays[i] = pose[0], pose[1], pose[2] + window.bearings[scan][detection]
+            spreads[i] = window.sigmas[scan][detection]
+            number = window.first + scan
+            gap = newest - scan
+            log_together[i] = (
+                weights.landmark(number)
+                - weights.alone(number)
+                - math.log(2.0 * math.pi)
+                + _log_seen_again(model.detection_probability, stay, back, gap)
+                - alone
+            )
+        c, s = math.cos(here[2]), math.sin(here[2])
+        away = rays[:, :2] - here[:2]
+        rays[:, 0], rays[:, 1] = c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]
+        rays[:, 2] -= here[2]
+        pair_gains(
+            proposals.motions,
+            proposals.turn_spread,
+            proposals.side_spreads,
+            rays,
+            spreads,
+            log_together,
+            model.landmark_sigma,
+            NEAREST if model.motion != "odometry" else 0.1 * NEAREST,
+            bearings,
+            sigmas,
+            dof,
+            table,
+            n,
+        )
+    offsets = proposals.log_prior + missed + branch.log_score + len(bearings) * alone
+    return Prediction(
+        branch, proposals, relative, chances, visible, singles, table, offsets, log_together
+    )
+
+
+def options(prediction: Prediction, config: SlamConfig, best_elsewhere: float) -> list[Option]:
+    """Return the children of a branch that may be worth solving, in no order.
+
+    They are expected to score no more than `config.drop` below the best, of this branch or others.
+
+    Given the pose, matches are independent but for sharing: each proposal's best matching is a
+    linear assignment, and at the best few proposals Murty's ranking gives the next ones. A matching
+    that several proposals find counts once, where it does best.
+    """
+    table, offsets = prediction.table, prediction.offsets
+    bounds, reached = best_rows(table, offsets)
+    best: dict[Matches, tuple[float, int]] = {}
+    best_score = best_elsewhere
+    for rank, g in enumerate(np.argsort(-bounds, kind="stable").tolist()):
+        if bounds[g] < best_score - config.drop:
+            break
+        gains = np.maximum(table[g], 0.0)
+        rows = np.flatnonzero(gains.any(axis=1))
+        part = gains[rows]
+        found: list[tuple[Matches, float]]
+        if rank < config.ranked and len(rows):
+            found = list(islice(ranked_matchings(part), config.depth))
+        elif reached[g]:
+            columns = np.flatnonzero(part.any(axis=0)) if len(rows) else []
+            pairs = sorted((int(part[:, d].argmax()), int(d)) for d in columns)
+            found = [(tuple(pairs), float(bounds[g] - offsets[g]))]
+        else:
+            found = [best_matching(part)]
+        for matches, gain in found:
+            score = float(offsets[g]) + gain
+            best_score = max(best_score, score)
+            named = tuple((int(rows[r]), d) for r, d in matches)
+            if named not in best or score > best[named][0]:
+                best[named] = score, g
+    return [Option(score, prediction, named, g) for named, (score, g) in best.items()]
+
+
+def upper_bound(prediction: Prediction) -> float:
+    """Return what no child of a branch is expected to exceed."""
+    return float(best_rows(prediction.table, prediction.offsets)[0].max())
+
+
+def child(option: Option, window: Window, config: SlamConfig, weights: Weights) -> Branch:
+    """Return the branch that an option stands for, not yet solved."""
+    prediction, g = option.prediction, option.proposal
+    parent = prediction.branch
+    model = config.observation_model
+    motion = prediction.proposals.motions[g]
+    newest = len(window.bearings) - 1
+    n = len(parent.ids)
+    matches = [(row, d) for row, d in option.matches if row < n]
+    expected = _in_view(prediction.relative, motion, 0.5 * model.field_of_view, config.sight)
+    matched = np.zeros(n, np.bool_)
+    matched[[row for row, _ in matches]] = True
+    misses = expected & ~matched
+    log_pattern = parent.log_pattern + float(np.log(prediction.chances[matched]).sum())
+    log_pattern += float(np.log1p(-prediction.chances[misses]).sum())
+    visible = prediction.visible.copy()
+    visible[matched] = 1.0
+    visible[misses] = (visible[misses] - prediction.chances[misses]) / (
+        1.0 - prediction.chances[misses]
+    )
+    alone = weights.alone(window.first + newest)
+    pairs = []
+    for row, d in option.matches:
+        if row >= n:
+            scan, earlier = prediction.singles[row - n]
+            place = _crossing(parent, window, scan, earlier, d, motion, model.landmark_sigma)
+            pairs.append((scan, earlier, d, place))
+            log_pattern += float(prediction.log_together[row - n]) + alone + math.log(2.0 * math.pi)
+    left = len(window.bearings[newest]) - len(option.matches)
+    return extended(
+        parent,
+        window,
+        motion,
+        matches,
+        pairs,
+        log_pattern + left * alone,
+        np.maximum(visible, 0.0),
+        np.ones(len(pairs)),
+    )
+
+
+def _singles(branch: Branch, newest: int, within: int) -> list[tuple[int, int]]:
+    return [
+        (scan, int(detection))
+        for scan in range(max(0, newest - within), newest)
+        for detection in np.flatnonzero(branch.owners[scan] == MISSED)
+    ]
+
+
+def _log_seen_again(chance: float, stay: float, back: float, gap: int) -> float:
+    """Log chance that a landmark just seen is next seen after so many scans."""
+    visible, total = 1.0, 0.0
+    for i in range(gap):
+        visible = stay * visible + (1.0 - visible) * back
+        if i == gap - 1:
+            return total + math.log(visible * chance)
+        total += math.log1p(-min(visible * chance, CERTAIN))
+        visible = visible * (1.0 - chance) / max(1.0 - visible * chance, 1e-9)
+    return total
+
+
+def _in_view(
+    relative: FloatArray, motion: FloatArray, half_view: float, sight: float | None
+) -> FloatArray:
+    away = relative - motion[:2]
+    turned = np.arctan2(away[:, 1], away[:, 0]) - motion[2]
+    turned = (turned + np.pi) % (2.0 * np.pi) - np.pi
+    inside = np.abs(turned) <= half_view
+    return inside if sight is None else inside & (np.hypot(away[:, 0], away[:, 1]) <= sight)
+
+
+def _crossing(
+    parent: Branch,
+    window: Window,
+    scan: int,
+    earlier: int,
+    detection: int,
+    motion: FloatArray,
+    landmark_sigma: float,
+) -> FloatArray:
+    """Direction and log range, from the earlier place, of where two bearings cross.
+
+    One landmark sigma away where they do not cross ahead.
+    """
+    there = parent.poses[scan + 2]
+    here = parent.poses[-1]
+    c, s = math.cos(here[2]), math.sin(here[2])
+    x = here[0] + c * motion[0] - s * motion[1] - there[0]
+    y = here[1] + s * motion[0] + c * motion[1] - there[1]
+    old = there[2] + float(window.bearings[scan][earlier])
+    new = here[2] + motion[2] + float(window.bearings[-1][detection])
+    sine = math.sin(new - old)
+    reach = (x * math.sin(new) - y * math.cos(new)) / sine if abs(sine) > 1e-9 else landmark_sigma
+    if not 1e-3 * landmark_sigma < reach < 2.0 * landmark_sigma:
+        reach = landmark_sigma
+    return np.array([old, math.log(reach)])

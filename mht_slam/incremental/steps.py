@@ -1,0 +1,172 @@
+"""The step before each scan: its factor, and the motions to try before the scan is understood."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mht_slam.arrays import FloatArray
+from mht_slam.errors import MeasurementError
+from mht_slam.incremental.motion_terms import (
+    FREE,
+    N_PARAMETERS,
+    ODOMETRY,
+    RESTART,
+    SMOOTH,
+    STILL,
+    STRAIGHT,
+)
+from mht_slam.measurements import BearingScan
+from mht_slam.models import ObservationModel
+
+FRAME_SIGMA = 1e-4
+"""Deviation of the first pose from the origin, and of the first step from one baseline."""
+STILL_SIGMA = 1e-3
+"""How far a robot that stands still moves, in the model's unit, and turns, radians."""
+RESTART_SIGMA = 1.0
+"""Standard deviation of ln(step / step before) across a standstill."""
+ANY_ANGLE = math.pi / math.sqrt(3.0)
+"""Standard deviation of an angle that may be anything."""
+ZERO_SIGMA = 1e-4
+"""What a sigma of zero means here: radians, baselines."""
+TURNS = np.linspace(-2.5, 2.5, 13)
+"""Turns tried, in standard deviations."""
+CHANGES = np.array([-1.2, 0.0, 1.2])
+"""Step lengths tried where the last one tells roughly, in standard deviations of ln s."""
+ANY_CHANGE = np.linspace(-2.5, 2.5, 31)
+"""Step lengths tried where nothing tells."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The factor of the step before a scan, as `motion_terms` takes it.
+
+    Attributes
+    ----------
+    kind : of `mht_slam.incremental.motion_terms`.
+    parameters : (12,).
+    """
+
+    kind: int
+    parameters: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Proposals:
+    """Motions from the last pose, in its frame, that cover what the motion model expects.
+
+    Attributes
+    ----------
+    motions : (G, 3) forward, leftward, turn.
+    log_prior : (G,) of each, up to a constant.
+    turn_spread : deviation in heading, radians, that a motion stands for: half the spacing.
+    side_spreads : (G,) deviation in position.
+    """
+
+    motions: FloatArray
+    log_prior: FloatArray
+    turn_spread: float
+    side_spreads: FloatArray
+
+
+def frame_step() -> Step:
+    """Return the made-up step that leads to the first pose, which carries the frame."""
+    parameters = np.zeros(N_PARAMETERS)
+    parameters[0] = 1.0
+    parameters[3:12] = np.eye(3).ravel() / FRAME_SIGMA
+    return Step(ODOMETRY, parameters)
+
+
+def next_step(
+    model: ObservationModel, scan: BearingScan, number: int, still: bool, moved: float | None
+) -> Step:
+    """Return the step before scan `number`, the second one or a later one.
+
+    Parameters
+    ----------
+    still : whether the bearings say that the robot did not move.
+    moved : length of the last step that was one, where the step before was a standstill; else None.
+
+    Raises `MeasurementError` where odometry is needed and missing.
+    """
+    parameters = np.zeros(N_PARAMETERS)
+    if model.motion == "odometry":
+        odometry = scan.odometry
+        if odometry is None or odometry.covariance is None:
+            raise MeasurementError(
+                f"scan {number} has no odometry with a covariance: motion 'odometry' needs one in "
+                "every scan but the first"
+            )
+        parameters[:3] = odometry.dx, odometry.dy, odometry.dtheta
+        parameters[3:12] = np.linalg.inv(np.linalg.cholesky(odometry.covariance)).ravel()
+        return Step(ODOMETRY, parameters)
+    if still:
+        parameters[:2] = STILL_SIGMA
+        return Step(STILL, parameters)
+    first = number == 1
+    change = FRAME_SIGMA if first else model.log_step_sigma
+    if model.motion == "smooth":
+        parameters[:3] = model.turn_sigma, model.drift_sigma, model.step_change_sigma
+        if first:
+            parameters[2] = FRAME_SIGMA
+        elif moved is not None:
+            parameters[2], parameters[3] = RESTART_SIGMA, math.log(moved)
+            return Step(RESTART, parameters)
+        return Step(SMOOTH, parameters)
+    mean = 0.0 if first else model.log_step_mean
+    if model.motion == "straight":
+        heading = max(model.heading_sigma, ZERO_SIGMA)
+        parameters[:4] = heading, max(model.lateral_sigma, ZERO_SIGMA), change, mean
+        return Step(STRAIGHT, parameters)
+    parameters[:4] = ANY_ANGLE, ANY_ANGLE, change, mean
+    return Step(FREE, parameters)
+
+
+def propose(step: Step, poses: FloatArray) -> Proposals:
+    """Return motions from the last of (p, 3) poses, p >= 2."""
+    p = step.parameters
+    if step.kind == STILL:
+        return Proposals(np.zeros((1, 3)), np.zeros(1), float(p[1]), np.full(1, p[0]))
+    if step.kind == ODOMETRY:
+        root = np.linalg.inv(p[3:12].reshape(3, 3))
+        covariance = root @ root.T
+        turns = p[2] + math.sqrt(covariance[2, 2]) * TURNS
+        # Where the heading is off, so is the place, as far as the odometer couples them.
+        coupled = covariance[:2, 2] / math.sqrt(covariance[2, 2])
+        places = p[:2] + TURNS[:, None] * coupled
+        side = math.sqrt(max(float(np.trace(covariance[:2, :2])) - float(coupled @ coupled), 0.0))
+        return Proposals(
+            motions=np.column_stack([places, turns]),
+            log_prior=-0.5 * TURNS**2,
+            turn_spread=float(turns[1] - turns[0]) / 2.0,
+            side_spreads=np.full(len(turns), side),
+        )
+    here = poses[-1]
+    if step.kind == STRAIGHT:
+        turns, directions, spread = p[0] * TURNS - here[2], np.array([-here[2]]), p[0]
+        drift = 0.0
+    elif step.kind == FREE:
+        directions = turns = np.linspace(-np.pi, np.pi, 24, endpoint=False)
+        spread, drift = p[0], float(directions[1] - directions[0]) / math.sqrt(3.0)
+    else:
+        turns, directions, spread, drift = p[0] * TURNS, np.zeros(1), p[0], float(p[1])
+    mean = math.log(math.dist(poses[-1, :2], poses[-2, :2])) if step.kind == SMOOTH else float(p[3])
+    changes = CHANGES if step.kind == SMOOTH else ANY_CHANGE
+    if p[2] <= FRAME_SIGMA:
+        changes = np.zeros(1)
+    lengths = np.exp(mean + p[2] * changes)
+    direction, turn, change = np.meshgrid(
+        directions, turns, np.arange(len(lengths)), indexing="ij"
+    )
+    length = lengths[change]
+    motions = np.stack([length * np.cos(direction), length * np.sin(direction), turn], axis=-1)
+    away = turn + here[2] if step.kind == STRAIGHT else turn
+    along = p[2] * (float(changes[1] - changes[0]) / 2.0 if len(changes) > 1 else 1.0)
+    return Proposals(
+        motions=motions.reshape(-1, 3),
+        log_prior=(-0.5 * (away / spread) ** 2 - 0.5 * changes[change] ** 2).ravel(),
+        turn_spread=float(turns[1] - turns[0]) / 2.0,
+        side_spreads=(length * math.hypot(drift, along)).ravel(),
+    )
