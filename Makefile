@@ -14,7 +14,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test fuzz lint format types docs wheel-check bench bench-check bench-calibration bench-peers bench-ranking bench-three-scans bench-throughput lock clean
+.PHONY: help venv demo test fuzz lint format types docs wheel-check bench bench-check bench-calibration bench-peers bench-paper bench-ranking bench-three-scans bench-throughput lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -82,6 +82,9 @@ $(PEERS)/.installed: requirements.lock pyproject.toml benchmarks/peers/requireme
 
 bench-peers: $(PEERS)/.installed ## peers by others on the same scenes: ten minutes, goes on where it was
 	$(PEERS)/bin/python benchmarks/peers/compare.py --output runs/peers --workers $(JOBS)
+
+bench-paper: $(STAMP) ## the paper's experiment: figures, tables, and which of its claims hold: minutes
+	$(BIN)/python benchmarks/paper/paper_experiment.py --workers $(JOBS)
 
 bench-ranking: $(STAMP) ## exact ranking against exhaustive: half an hour, goes on where it was
 	$(BIN)/python benchmarks/ranking/exact_against_exhaustive.py
