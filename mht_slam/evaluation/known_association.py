@@ -99,7 +99,8 @@ class DriveGraph:
     def update(self, scan: BearingScan, landmarks: IntArray) -> None:
         """Take the next scan, with the landmark of each of its detections, -1 for none.
 
-        Raises `OptionError` for a scan, after the first, without odometry and its covariance.
+        Raises `OptionError` for a scan, after the first, without odometry and its covariance, and
+        `NoEstimateError` where ISAM2 cannot go on, as with a landmark at a pose that sees it.
         """
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         pose = self._next_pose(scan.odometry, graph)
@@ -120,7 +121,10 @@ class DriveGraph:
                     graph.add(factors.bearing(X(k), L(landmark), angle, spread, dof))
                 waiting.clear()
         start = time.perf_counter()
-        self._solver.update(graph, values)
+        try:
+            self._solver.update(graph, values)
+        except RuntimeError as cause:
+            raise NoEstimateError(f"scan {self._n_scans} leaves no estimate: {cause}") from cause
         self.update_seconds.append(time.perf_counter() - start)
         self._graph.push_back(graph)
         self._n_scans += 1
