@@ -23,7 +23,8 @@ CEILING = "truth (ceiling)"
 PREAMBLE = (
     "Rates with 95 % Wilson intervals, differences with 95 % paired bootstrap intervals. An",
     "exception or an empty answer is a failure, and a miss. Times are medians over the scenes of",
-    "the ratio to `refine` of the shared candidates, the row *graph evidence*, in the same process.",
+    "the ratio to `refine` of the shared candidates, the row *graph evidence*, in the same",
+    "process.",
 )
 
 
