@@ -70,7 +70,12 @@ def claims(outcome: Outcome) -> list[Claim]:
         _cause(
             outcome, LONG_STEP, "because the step to it is short", "that step as long as the first"
         ),
-        _cause(outcome, NEAR, "because it is far away", "the run ten metres nearer"),
+        _cause(
+            outcome,
+            NEAR,
+            "because it is far away",
+            "the run ten metres back, O3 beside the landmarks,",
+        ),
         _third_pair_helps(outcome),
         _epsilon_covers_a_bent_track(outcome),
     ]

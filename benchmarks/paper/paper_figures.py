@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
@@ -153,7 +154,7 @@ def layout_figure() -> Figure:
 def hypotheses_figure(example: Example) -> Figure:
     """Draw all n! hypotheses of both pairs: one cell a landmark, every cone used once."""
     orders = list(permutations(SEEN))
-    figure = Figure(figsize=(13.0, 6.4), layout="constrained")
+    figure = Figure(figsize=(13.0, 7.0), layout="constrained")
     panels = figure.subplots(2, len(orders), sharex="row", sharey="row")
     for row, columns in enumerate(((0, 1), (1, 2))):
         for axes, order in zip(panels[row], orders, strict=True):
@@ -161,6 +162,7 @@ def hypotheses_figure(example: Example) -> Figure:
             axes.tick_params(labelsize=7)
         a, b = (POINTS[column] for column in columns)
         panels[row, 0].set_ylabel(f"pair ({a}, {b})\nbaselines |{a} {b}|", fontsize=9)
+    figure.supxlabel("along the run, baselines", fontsize=9)
     figure.suptitle(
         f"The {len(orders)} hypotheses of each pair at ±{EPSILON_DEG:g}°: cells (blue) for Lc, Ld "
         "and Le of O2, and whose detections the other scan gives them.\nOnly the first column is "
@@ -216,8 +218,8 @@ def zones_on_track_figure(seen: FloatArray) -> Figure:
     ]
     key = ", ".join(f"{k} is {name}" for k, name in enumerate(SEEN))
     axes.set_title(
-        f"{'; '.join(changes)} ({key}).\nZones: A inside; B (blue) outside, with the visual order "
-        "of A; C (white) with another",
+        f"{'; '.join(changes)} ({key}).\nZones: A inside; B (shaded) outside, with the visual "
+        "order of A; C (white) with another",
         fontsize=10,
     )
     axes.set_xlabel("along the last leg, metres")
@@ -257,7 +259,7 @@ def _draw_hypothesis(axes: Axes, example: Example, columns: tuple[int, int], ord
         for cone in cones(seen, apex, epsilon=example.epsilon, max_range=MAX_RANGE):
             draw_shape(axes, cone, facecolor=CONE_TONE, edgecolor="none", alpha=0.6)
     all_cells = cells(*bearings, epsilon=example.epsilon, max_range=MAX_RANGE)
-    n_empty = 0
+    drawn = []
     for name, other in zip(SEEN, order, strict=True):
         # O2, the second scan of one pair and the first of the other, names the landmarks.
         owners = [name if column == 1 else other for column in columns]
@@ -265,8 +267,8 @@ def _draw_hypothesis(axes: Axes, example: Example, columns: tuple[int, int], ord
             int(scene.truth.table[rows[owner], column])
             for owner, column in zip(owners, columns, strict=True)
         )
-        n_empty += not all_cells.filled[cell]
-        draw_shape(axes, all_cells.polygons[cell], facecolor=CHOSEN_TONE, edgecolor=INK, zorder=3)
+        drawn.append(all_cells.polygons[cell])
+        draw_shape(axes, drawn[-1], facecolor=CHOSEN_TONE, edgecolor=INK, zorder=3)
     ends = scene.poses[list(columns), :2]
     points = between(scene.landmarks, ends[0], ends[1])
     path = np.array([[0.0, 0.0], [1.0, 0.0]])
@@ -274,8 +276,13 @@ def _draw_hypothesis(axes: Axes, example: Example, columns: tuple[int, int], ord
     axes.plot(*points.T, "*", color=TRUTH_TONE, markersize=7, markeredgecolor=INK, zorder=5)
     set_window(axes, np.vstack([path, points]), [], reach=0.0)
     _widen(axes, points)
-    note = f"\n{n_empty} without a cell" if n_empty else ""
-    axes.set_title(f"{' '.join(order)}{note}", fontsize=9)
+    (x_low, x_high), (y_low, y_high) = axes.get_xlim(), axes.get_ylim()
+    window = shapely.box(x_low, y_low, x_high, y_high)
+    n_empty = sum(bool(polygon.is_empty) for polygon in drawn)
+    n_seen = sum(bool(shapely.intersects(polygon, window)) for polygon in drawn)
+    counts = {"without a cell": n_empty, "beyond the view": len(drawn) - n_empty - n_seen}
+    notes = [f"{count} {what}" for what, count in counts.items() if count]
+    axes.set_title("\n".join([" ".join(order), ", ".join(notes)]), fontsize=8)
 
 
 def _widen(axes: Axes, points: FloatArray) -> None:

@@ -33,7 +33,7 @@ ITEMS = ("O1", "O2", "O3", "Ld")
 UNIT = math.dist(LANDMARKS[BASE[0]], LANDMARKS[BASE[1]])
 """Metres of the unit of F_L, |Lc Le|."""
 
-PAPER, LONG_STEP, NEAR, BENT = "paper", "long last step", "nearer", "not straight"
+PAPER, LONG_STEP, NEAR, BENT = "paper", "long last step", "ten metres back", "not straight"
 TRACKS = MappingProxyType(
     {
         PAPER: tuple(OBSERVATION_POINTS[:, 0].tolist()),
@@ -43,7 +43,7 @@ TRACKS = MappingProxyType(
     }
 )
 """Metres of O1, O2 and O3 along the line. O3 is where it was but its step is as long as the first
-one; or the whole run is nearer to the landmarks and its steps are as they were."""
+one; or all three lie ten metres back, which brings O3 beside the landmarks."""
 DEVIATION = 1.0
 """Metres that O3 lies beside the line where the track is not straight, left and right in turn."""
 NOISE_OF_BENT_DEG = 1.0
