@@ -94,7 +94,7 @@ def _table(name: str, half: str, rows: Sequence[Row]) -> Iterator[str]:
 def _cells(rows: Sequence[Row], parts: Sequence[Row], known: Mapping[str, float]) -> Iterator[str]:
     yield rows[0].option
     yield f"{len(rows)}, {sum(bool(row.error) for row in rows)}"
-    forms = any(row.answered for row in rows)
+    forms = any(row.answered or row.error for row in rows)
     if forms:
         resampled = rows if len(rows) > 1 else parts or rows
         interval = pooled_f1_interval(

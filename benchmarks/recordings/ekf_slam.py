@@ -24,7 +24,7 @@ from mht_slam.evaluation.known_association import PARALLAX, known_association, m
 from mht_slam.measurements import BearingScan, Odometry, wrap_angle
 from mht_slam.models import ObservationModel
 
-N_RANGES = 14
+N_RANGES = 40
 """Ranges at which a candidate may lie, evenly spaced in their logarithm."""
 NEAREST = 0.02
 """The nearest of them, as a share of the farthest."""
@@ -52,8 +52,9 @@ class Candidate:
     row : of the association.
     poses, bearings : of its sightings.
     points, costs : (N_RANGES, 2) where it may be and (N_RANGES,) what its sightings say of that.
-    turned : variance of the turns since it was last seen.
-    unseen : scans since then.
+    turned, drifted : variance of the turns and of the ways, per axis, since it was last seen.
+    turned_before, drifted_before : between its first and its last sighting.
+    unseen : scans since the last.
     """
 
     row: int
@@ -62,7 +63,20 @@ class Candidate:
     points: FloatArray
     costs: FloatArray = field(default_factory=lambda: np.zeros(N_RANGES))
     turned: float = 0.0
+    drifted: float = 0.0
+    turned_before: float = 0.0
+    drifted_before: float = 0.0
     unseen: int = 0
+
+    def see(self, pose: FloatArray, bearing: float, squares: FloatArray) -> None:
+        """Add a sighting with its squared deviations at every range."""
+        self.poses.append(pose)
+        self.bearings.append(bearing)
+        self.costs = self.costs + squares
+        self.turned_before += self.turned
+        self.drifted_before += self.drifted
+        self.turned = self.drifted = 0.0
+        self.unseen = 0
 
 
 def run(drive: Drive, model: ObservationModel, pair: Pairing) -> Answer:
@@ -136,6 +150,7 @@ class EkfSlam:
         self._covariance[:3, :3] += turn @ noise @ turn.T
         for candidate in self._candidates:
             candidate.turned += float(noise[2, 2])
+            candidate.drifted += 0.5 * float(noise[0, 0] + noise[1, 1])
 
     def _see_landmarks(self, bearings: FloatArray, rows: IntArray) -> None:
         """Pair detections with landmarks in view, and correct the state with all of them."""
@@ -184,9 +199,13 @@ class EkfSlam:
         points = np.array([candidate.points for candidate in self._candidates])
         away = points - self._mean[:2]
         predicted = wrap_angle(np.arctan2(away[..., 1], away[..., 0]) - self._mean[2])
-        variance = 2.0 * self._model.sigma**2 + np.array([c.turned for c in self._candidates])
+        turned, drifted = (
+            np.array([[getattr(c, name)] for c in self._candidates])
+            for name in ("turned", "drifted")
+        )
+        variance = 2.0 * self._model.sigma**2 + turned + drifted / (away**2).sum(axis=2)
         offset = wrap_angle(bearings[left][:, None, None] - predicted)
-        squares = offset**2 / variance[:, None]  # (left, candidates, ranges)
+        squares = offset**2 / variance  # (left, candidates, ranges)
         costs = np.array([candidate.costs for candidate in self._candidates])
         nearest = (squares + costs - costs.min(axis=1, keepdims=True)).min(axis=2)
         gain = np.maximum(CANDIDATE_GATE**2 - nearest, 0.0)
@@ -194,10 +213,7 @@ class EkfSlam:
             if gain[a, i] > 0.0:
                 candidate, j = self._candidates[i], left[a]
                 rows[j] = candidate.row
-                candidate.poses.append(self._mean[:3].copy())
-                candidate.bearings.append(float(bearings[j]))
-                candidate.costs = candidate.costs + squares[a, i]
-                candidate.turned, candidate.unseen = 0.0, 0
+                candidate.see(self._mean[:3].copy(), float(bearings[j]), squares[a, i])
 
     def _begin(self, bearing: float) -> int:
         """Begin a candidate, and return its row."""
@@ -239,7 +255,9 @@ class EkfSlam:
         by_pose = np.array([[1.0, 0.0, -distance * s], [0.0, 1.0, distance * c]])
         by_polar = np.array([[c, -distance * s], [s, distance * c]])
         sigma = self._model.sigma
-        polar = np.diag([(2.0 * distance * sigma / math.sin(parallax)) ** 2, sigma**2])
+        # How far the ray from the first sighting may have turned and moved against this one.
+        aside = 2.0 * sigma**2 + candidate.turned_before + candidate.drifted_before / distance**2
+        polar = np.diag([aside * (distance / math.sin(parallax)) ** 2, sigma**2])
         crossed = by_pose @ self._covariance[:3]
         own = by_pose @ self._covariance[:3, :3] @ by_pose.T + by_polar @ polar @ by_polar.T
         self._covariance = np.block([[self._covariance, crossed.T], [crossed, own]])
