@@ -142,6 +142,8 @@ class RowTable:
         whole = text[: text.rfind("\n") + 1]  # the last line may have been cut
         lines = whole.splitlines()
         if not lines or lines[0] != ",".join(self._names):
+            if lines:  # columns of another time: kept, but of no use here
+                path.rename(path.with_suffix(".old.csv"))
             whole, lines = ",".join(self._names) + "\n", []
         if whole != text:
             path.write_text(whole, encoding="utf-8")
