@@ -10,6 +10,7 @@ import numpy as np
 
 from mht_slam.arrays import FloatArray, finite_number, freeze, one_of, whole_number
 from mht_slam.datasets.drive import Drive
+from mht_slam.datasets.drive_odometry import relative_motions
 from mht_slam.errors import OptionError
 from mht_slam.measurements import BearingScan, Odometry, wrap_angle
 from mht_slam.simulation import trajectories
@@ -128,10 +129,9 @@ def simulate_drive(
     )
     sensor = _with_false_alarms(sensor, path, landmarks, false_alarms)
     seen = [sensor.observe(pose, landmarks, rng) for pose in path]
-    motions = _motions(path)
     steps: list[Odometry | None] = [None] * n_scans
     if odometry is not None:
-        steps[1:] = [odometry.measure(motion, rng) for motion in motions]
+        steps[1:] = [odometry.measure(motion, rng) for motion in relative_motions(path)]
     return Drive(
         name=f"{kind} drive",
         scans=tuple(
@@ -246,11 +246,3 @@ def _with_false_alarms(
     hits = [sensor.visible(*bearings_and_ranges(pose, landmarks)).sum() for pose in path]
     true = float(np.mean(hits)) * sensor.detection_probability
     return replace(sensor, false_alarm_rate=true * share / (1.0 - share) / sensor.field_of_view)
-
-
-def _motions(path: FloatArray) -> FloatArray:
-    """Motions from pose to pose, (m - 1, 3), in the frame of the first of the two."""
-    moved = np.diff(path, axis=0)
-    c, s = np.cos(path[:-1, 2]), np.sin(path[:-1, 2])
-    forward, left = c * moved[:, 0] + s * moved[:, 1], c * moved[:, 1] - s * moved[:, 0]
-    return np.column_stack([forward, left, wrap_angle(moved[:, 2])])
