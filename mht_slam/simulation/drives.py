@@ -97,8 +97,8 @@ def simulate_drive(
     miss : chance that a landmark in view is not detected.
     false_alarms : expected share of the detections that are false. Their rate is the same in every
         scan and direction.
-    max_range : how far landmarks are seen, or infinity; None chooses it so that about `IN_VIEW` of them are
-        within it, or all where there are fewer.
+    max_range : how far landmarks are seen, more than twice `CLEARANCE`, or infinity; None chooses
+        it so that about `IN_VIEW` of them are within it, or all where there are fewer.
     field_of_view : full angle about forward, radians.
     occlusion : whether a landmark's disc of `LANDMARK_RADIUS` hides those behind it.
     odometry : the odometer's noise, or None without one.
@@ -115,7 +115,12 @@ def simulate_drive(
     >>> len(drive), len(drive.reference_landmarks), drive.has_odometry
     (30, 12, False)
     """
-    _check(kind, n_landmarks, n_scans, miss, false_alarms, rounds, odometry)
+    _check(kind, n_landmarks, n_scans, odometry)
+    finite_number(miss, "miss", at_least=0.0, below=1.0)
+    finite_number(false_alarms, "false_alarms", at_least=0.0, below=1.0)
+    finite_number(rounds, "rounds", above=0.0)
+    if max_range is not None and max_range != math.inf:
+        finite_number(max_range, "max_range", above=2.0 * CLEARANCE)
     path, closed = _path(kind, n_scans, rounds, rng), kind == "loop" and rounds >= 1.0
     beaten = path[: math.ceil(n_scans / rounds) + 1] if closed else path
     reach = _reach(beaten, n_landmarks, closed=closed) if max_range is None else max_range
@@ -144,21 +149,10 @@ def simulate_drive(
     )
 
 
-def _check(
-    kind: DriveKind,
-    n_landmarks: int,
-    n_scans: int,
-    miss: float,
-    false_alarms: float,
-    rounds: float,
-    odometry: OdometryNoise | None,
-) -> None:
+def _check(kind: DriveKind, n_landmarks: int, n_scans: int, odometry: OdometryNoise | None) -> None:
     one_of(kind, "kind", DRIVE_KINDS)
     whole_number(n_landmarks, "n_landmarks", at_least=1)
     whole_number(n_scans, "n_scans", at_least=3)
-    finite_number(miss, "miss", at_least=0.0, below=1.0)
-    finite_number(false_alarms, "false_alarms", at_least=0.0, below=1.0)
-    finite_number(rounds, "rounds", above=0.0)
     if kind == "loop" and odometry is None:
         raise OptionError("odometry is None: a loop is in metres, give it an OdometryNoise")
 

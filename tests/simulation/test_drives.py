@@ -123,5 +123,7 @@ def test_what_makes_no_sense_is_refused() -> None:
         simulate_drive("spiral", 10, 30, rng, sigma=SIGMA)  # type: ignore[arg-type]
     with pytest.raises(OptionError, match="false_alarms is 1"):
         simulate_drive("straight", 10, 30, rng, sigma=SIGMA, false_alarms=1.0)
+    with pytest.raises(OptionError, match=r"max_range is 1\.5"):
+        simulate_drive("straight", 10, 30, rng, sigma=SIGMA, max_range=1.5)
     with pytest.raises(OptionError, match="turn_sigma is 0"):
         OdometryNoise(turn_sigma=0.0)
