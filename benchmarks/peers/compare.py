@@ -28,11 +28,18 @@ from mht_slam.evaluation.bench.summary import markdown, summarise
 from mht_slam.evaluation.bench.sweep import Cell, Sweep
 from mht_slam.evaluation.bench.tables import tidy_rows, time_rows, write_csv
 from mht_slam.plotting.bench_rates import exact_rates_figure
+from mht_slam.simulation.scenes import SceneKind
 
 OURS = (GRAPH_EVIDENCE, "quadrature evidence", "smallest epsilon", POLYGON, ORDER_KEEPING,
         "nearest bearing")  # fmt: skip
-SETTINGS = ((3, 1.0), (3, 3.0), (4, 1.0))
-"""Landmarks, and standard deviation of a bearing, degrees."""
+SETTINGS: tuple[tuple[SceneKind, int, float], ...] = (
+    ("annulus", 3, 1.0),
+    ("annulus", 3, 3.0),
+    ("annulus", 4, 1.0),
+    ("model", 3, 1.0),
+    ("model", 3, 3.0),
+)
+"""Layout, number of landmarks, and standard deviation of a bearing, degrees."""
 TABLES_ONLY = ("compare.py", "peer_table.py")
 """Files of this folder on which no result rests."""
 
@@ -45,8 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         name: found.method for name, found in peers.items() if not found.missing
     }
     jobs = [
-        (PosedScenes(cell_of(n, sigma, options.kind)), scene)
-        for n, sigma in SETTINGS
+        (PosedScenes(cell_of(kind, n, sigma)), scene)
+        for kind, n, sigma in SETTINGS
         for scene in range({3: options.scenes, 4: options.scenes_of_four}[n])
     ]
     store = options.output / f"scenes-{_digest()}"
@@ -61,12 +68,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def cell_of(n: int, sigma_deg: float, kind: str = "annulus", seed: int = 0) -> Cell:
+def cell_of(kind: SceneKind, n: int, sigma_deg: float) -> Cell:
     """Return scenes of n landmarks and Gaussian noise that nothing clips, epsilon three sigma."""
-    sweep = Sweep(
-        kinds=(kind,), landmarks=(n,), noises=("gaussian",),
-        sigmas=(math.radians(sigma_deg),), seed=seed,
-    )  # fmt: skip
+    sigmas = (math.radians(sigma_deg),)
+    sweep = Sweep(kinds=(kind,), landmarks=(n,), noises=("gaussian",), sigmas=sigmas)
     return sweep.cells[0]
 
 
@@ -106,8 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--output", type=Path, default=Path("runs/peers"))
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--scenes", type=int, default=40, help="of each cell with 3 landmarks")
-    parser.add_argument("--scenes-of-four", type=int, default=12, help="of the cell with 4")
-    parser.add_argument("--kind", default="annulus", help="layout of the landmarks")
+    parser.add_argument("--scenes-of-four", type=int, default=12, help="of each cell with 4")
     return parser
 
 

@@ -254,7 +254,7 @@ def test_the_order_of_detections_means_nothing(
 
 def test_poses_are_told_and_nothing_else_changes(load: Load) -> None:
     posed = load("posed_scenes")
-    cell = load("compare").cell_of(3, 1.0)
+    cell = load("compare").cell_of("annulus", 3, 1.0)
     plain, told = cell.case(7), posed.PosedScenes(cell).case(7)
     assert (told.run, told.truth) == (plain.run, plain.truth)
     assert told.assumptions.model == plain.assumptions.model

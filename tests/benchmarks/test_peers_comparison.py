@@ -27,7 +27,7 @@ def study(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     monkeypatch.setattr(registry.importlib.util, "find_spec", lambda _: None)
     script = importlib.import_module("compare")
     monkeypatch.setattr(script, "OURS", (GRAPH_EVIDENCE, ORDER_KEEPING))
-    monkeypatch.setattr(script, "SETTINGS", ((3, 1.0),))
+    monkeypatch.setattr(script, "SETTINGS", (("annulus", 3, 1.0),))
     yield script
     for name in ours:
         sys.modules.pop(name, None)
