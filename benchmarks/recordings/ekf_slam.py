@@ -20,7 +20,7 @@ from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.association import MISSED, Association
 from mht_slam.datasets import Drive
 from mht_slam.errors import NoEstimateError
-from mht_slam.evaluation.known_association import PARALLAX, known_association, moved
+from mht_slam.evaluation.known_association import known_association, moved
 from mht_slam.measurements import BearingScan, Odometry, wrap_angle
 from mht_slam.models import ObservationModel
 
@@ -34,6 +34,10 @@ LASTING = 10
 """Scans that a candidate survives unseen."""
 LEAST_SIGHTINGS = 3
 """Of a candidate that becomes a landmark."""
+MARGIN = math.radians(3.0)
+"""How far outside the view a landmark may be predicted and still be paired."""
+PARALLAXES_DEG = (1, 3)
+"""Options of all filters: sooner and less certain, or later."""
 CANDIDATE_GATE = 3.0
 """Standard deviations between a candidate's nearest prediction and its next sighting."""
 
@@ -79,15 +83,17 @@ class Candidate:
         self.unseen = 0
 
 
-def run(drive: Drive, model: ObservationModel, pair: Pairing) -> Answer:
+def run(drive: Drive, model: ObservationModel, pair: Pairing, parallax: float) -> Answer:
     """Drive through, and return the association with the graph's estimate of it.
+
+    `parallax` is how far apart a candidate's directions lie, radians, when it becomes a landmark.
 
     The estimate of the graph of the same association is better than the filter's, whose
     linearisation is of its time; where it has none the filter's own poses are returned.
     """
     if not drive.has_odometry:
         raise NotApplicableError(f"{drive.name} has no odometry to predict with")
-    ekf = EkfSlam(model, pair)
+    ekf = EkfSlam(model, pair, parallax)
     for scan in drive.scans:
         ekf.update(scan)
     association = ekf.association(drive)
@@ -106,10 +112,10 @@ class EkfSlam:
     rows : for each scan the row of each detection.
     """
 
-    def __init__(self, model: ObservationModel, pair: Pairing) -> None:
+    def __init__(self, model: ObservationModel, pair: Pairing, parallax: float) -> None:
         self.poses: list[FloatArray] = []
         self.rows: list[IntArray] = []
-        self._model, self._pair = model, pair
+        self._model, self._pair, self._parallax = model, pair, parallax
         self._mean, self._covariance = np.zeros(3), 1e-6 * np.eye(3)
         self._row_of_landmark: list[int] = []
         self._candidates: list[Candidate] = []
@@ -155,7 +161,7 @@ class EkfSlam:
     def _see_landmarks(self, bearings: FloatArray, rows: IntArray) -> None:
         """Pair detections with landmarks in view, and correct the state with all of them."""
         predicted, jacobian, ranges = self._bearings()
-        sides = 0.5 * self._model.field_of_view + PARALLAX
+        sides = 0.5 * self._model.field_of_view + MARGIN
         reach = FARTHEST * self._model.landmark_sigma
         view = np.flatnonzero((np.abs(predicted) < sides) & (ranges < reach))
         if not len(view):
@@ -240,7 +246,7 @@ class EkfSlam:
         poses = np.array(candidate.poses)
         directions = poses[:, 2] + candidate.bearings
         parallax = np.abs(wrap_angle(directions - directions[0])).max()
-        if len(poses) < LEAST_SIGHTINGS or parallax < PARALLAX:
+        if len(poses) < LEAST_SIGHTINGS or parallax < self._parallax:
             return False
         across = np.column_stack([-np.sin(directions), np.cos(directions)])
         point = np.linalg.lstsq(across, np.sum(across * poses[:, :2], axis=1), rcond=None)[0]

@@ -18,8 +18,12 @@ from mht_slam.association import MISSED
 from mht_slam.datasets import Drive
 from mht_slam.models import ObservationModel
 
-OPTIONS = ("level 0.95", "level 0.99", "level 0.999")
-"""Chance that true pairs pass the test, alone and together."""
+OPTIONS = tuple(
+    f"level {level}, parallax {parallax} deg"
+    for level in (0.95, 0.99, 0.999)
+    for parallax in ekf_slam.PARALLAXES_DEG
+)
+"""Chance that true pairs pass the test, alone and together, and parallax of a new landmark."""
 MOST_NODES = 2000
 """Partial pairings looked at in a scan, the nearest first; the best so far is taken then."""
 MOST_DETECTIONS = 40
@@ -27,13 +31,13 @@ MOST_DETECTIONS = 40
 
 def answer(drive: Drive, model: ObservationModel, option: str) -> Answer:
     """Branch and bound over the detections of each scan."""
-    level = float(option.removeprefix("level "))
-    gates = chi2.ppf(level, np.arange(1, MOST_DETECTIONS + 1))
+    _, level, _, parallax, _ = option.replace(",", "").split()
+    gates = chi2.ppf(float(level), np.arange(1, MOST_DETECTIONS + 1))
 
     def pair(innovations: FloatArray, joint: FloatArray) -> IntArray:
         return Search(innovations, joint, gates).best
 
-    return ekf_slam.run(drive, model, pair)
+    return ekf_slam.run(drive, model, pair, np.deg2rad(float(parallax)))
 
 
 @dataclass

@@ -12,13 +12,18 @@ from mht_slam.association import MISSED
 from mht_slam.datasets import Drive
 from mht_slam.models import ObservationModel
 
-OPTIONS = ("gate 2", "gate 3", "gate 4", "gate 6")
-"""Standard deviations of the innovation."""
+OPTIONS = tuple(
+    f"gate {gate}, parallax {parallax} deg"
+    for gate in (2, 3, 4, 6)
+    for parallax in ekf_slam.PARALLAXES_DEG
+)
+"""Standard deviations of the innovation, and parallax of a new landmark."""
 
 
 def answer(drive: Drive, model: ObservationModel, option: str) -> Answer:
     """Take in each scan the assignment of the least Mahalanobis distances."""
-    gate = float(option.removeprefix("gate "))
+    _, gate_word, _, parallax, _ = option.replace(",", "").split()
+    gate = float(gate_word)
 
     def pair(innovations: FloatArray, joint: FloatArray) -> IntArray:
         squares = innovations**2 / (np.diag(joint) + 1.0)
@@ -29,4 +34,4 @@ def answer(drive: Drive, model: ObservationModel, option: str) -> Answer:
                 paired[j] = landmark
         return paired
 
-    return ekf_slam.run(drive, model, pair)
+    return ekf_slam.run(drive, model, pair, np.deg2rad(float(parallax)))
