@@ -16,8 +16,8 @@ from mht_slam.association import MISSED
 from mht_slam.evaluation.bench.case import Assumptions
 
 START_RANGE = 3.0
-"""Baselines from O1 at which a landmark is first believed to be, on its ray; with this and the spread
-below most of other scenes come right."""
+"""Baselines from O1 at which a landmark is first believed to be, on its ray; with this and the
+spread below most of other scenes come right."""
 RANGE_SPREAD = 1.0
 """Standard deviation of that, in ranges."""
 MISSED_DISTANCE = 5.0

@@ -5,11 +5,15 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import permutations, product
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+import mht_slam as ms
+from mht_slam.evaluation.bench.case import Assumptions
 from mht_slam.evaluation.bench.methods import GRAPH_EVIDENCE, ORDER_KEEPING
 
 FOLDER = Path(__file__).parents[2] / "benchmarks" / "peers"
@@ -27,11 +31,19 @@ def study(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
     monkeypatch.setattr(registry.importlib.util, "find_spec", lambda _: None)
     script = importlib.import_module("compare")
     monkeypatch.setattr(script, "OURS", (GRAPH_EVIDENCE, ORDER_KEEPING))
+    monkeypatch.setattr("mht_slam.evaluation.bench.jobs.with_candidates", all_of_three)
     monkeypatch.setattr(script, "SETTINGS", (("annulus", 3, 1.0),))
     yield script
     for name in ours:
         sys.modules.pop(name, None)
     sys.modules.update(before)
+
+
+def all_of_three(run: ms.StraightRun, assumptions: Assumptions) -> Assumptions:
+    """All associations as candidates: to find the likely ones by exact evidence takes longer."""
+    tables = product([range(3)], permutations(range(3)), permutations(range(3)))
+    candidates = tuple(ms.Association(list(zip(*t, strict=True)), run.n_detections) for t in tables)
+    return replace(assumptions, candidates=candidates)
 
 
 def row_of(table: str, method: str) -> list[str]:
