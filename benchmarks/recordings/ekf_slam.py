@@ -34,6 +34,8 @@ LASTING = 10
 """Scans that a candidate survives unseen."""
 LEAST_SIGHTINGS = 3
 """Of a candidate that becomes a landmark."""
+MOST_SCANS = 3000
+"""A longer drive takes hours: every scan costs the square of the number of landmarks so far."""
 MARGIN = math.radians(3.0)
 """How far outside the view a landmark may be predicted and still be paired."""
 PARALLAXES_DEG = (1, 3)
@@ -93,6 +95,8 @@ def run(drive: Drive, model: ObservationModel, pair: Pairing, parallax: float) -
     """
     if not drive.has_odometry:
         raise NotApplicableError(f"{drive.name} has no odometry to predict with")
+    if len(drive) > MOST_SCANS:
+        raise NotApplicableError(f"{drive.name} has {len(drive)} scans: too large a covariance")
     ekf = EkfSlam(model, pair, parallax)
     for scan in drive.scans:
         ekf.update(scan)
