@@ -186,7 +186,7 @@ def _pairs(
             truth.restrict(range(first, last + 1)),
             count_false=count_false,
         )
-        for first, last in drive.stretches
+        for first, last in drive.stretches or ()
     )
 
 

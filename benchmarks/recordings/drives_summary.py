@@ -29,14 +29,15 @@ HEADER = (
     "seconds",
 )
 INTRODUCTION = """\
-F1 over same-landmark pairs of detections, pooled over drives, with 95 % bootstrap intervals over
-drives, or over the parts of a single drive; without the answer's pairs of two unlabelled
-detections; and that of the worst drive. Position and heading errors are medians over drives of the
-root mean square over a drive, after alignment with scale; then the share of drives within 10 % of
-the graph of the known association, with 95 % Wilson interval, and the position error after
-alignment without scale. Landmarks of three detections or more: the share of the true ones found,
-and of the answer's that are none; the share of drives in which all are partners; the share of those
-with a position that are in their place."""
+F1 over same-landmark pairs of detections, pooled over drives, with 95 % bootstrap intervals
+over drives; for a single drive also that of the pairs within its parts, with intervals over the
+parts; F1 without the answer's pairs of two unlabelled detections; and that of the worst drive.
+Position and heading errors are medians over drives of the root mean square over a drive, after
+alignment with scale; then the share of drives within 10 % of the graph of the known
+association, with 95 % Wilson interval, and the position error after alignment without scale.
+Landmarks of three detections or more: the share of the true ones found, and of the answer's
+that are none; the share of drives in which all are partners; the share of those with a position
+that are in their place."""
 KNOWN = "known association"
 WITHIN = 1.1
 """A trajectory error at most this many times that of the known association counts as near it."""
@@ -96,12 +97,11 @@ def _cells(rows: Sequence[Row], parts: Sequence[Row], known: Mapping[str, float]
     yield f"{len(rows)}, {sum(bool(row.error) for row in rows)}"
     forms = any(row.answered or row.error for row in rows)
     if forms:
-        resampled = rows if len(rows) > 1 else parts or rows
-        interval = pooled_f1_interval(
-            [row.counts for row in resampled], rng=np.random.default_rng(0)
-        )
-        f1 = pooled(row.counts for row in rows).f1
-        yield f"{f1:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
+        if len(rows) > 1:
+            yield _f1(rows)
+        else:
+            within = f", within parts {_f1(parts)}" if parts else ""
+            yield f"{rows[0].counts.f1:.3f}{within}"
         yield f"{pooled(row.counts_labelled for row in rows).f1:.3f}"
         yield f"{min(row.counts.f1 for row in rows):.3f}"
     else:
@@ -127,6 +127,11 @@ def _cells(rows: Sequence[Row], parts: Sequence[Row], known: Mapping[str, float]
     positioned = any(row.positioned for row in rows)
     yield f"{_share(rows, 'placed', 'positioned'):.3f}" if positioned else "-"
     yield _median((row.seconds for row in rows), digits=2)
+
+
+def _f1(rows: Sequence[Row]) -> str:
+    interval = pooled_f1_interval([row.counts for row in rows], rng=np.random.default_rng(0))
+    return f"{interval.estimate:.3f} [{interval.low:.3f}, {interval.high:.3f}]"
 
 
 def _parts(rows: Sequence[Row]) -> Iterator[str]:

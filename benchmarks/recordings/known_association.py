@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from drive_scores import Answer, NotApplicableError, answer_of
 
@@ -14,6 +16,8 @@ from mht_slam.models import ObservationModel
 OPTIONS = ("",)
 GATES = ("gate 2", "gate 3", "gate 6", "gate 10")
 """Standard deviations of a bearing within which a detection is assigned."""
+WEAK_PRIOR = 30.0
+"""Metres: landmarks of a known association need a prior only against running away."""
 IN_VIEW_GAP = 20
 """A landmark is in view between detections at most this many scans apart."""
 
@@ -24,6 +28,8 @@ def answer(drive: Drive, model: ObservationModel, option: str) -> Answer:
     if drive.stretches != ((0, len(drive) - 1),):
         raise NotApplicableError(f"{drive.name} has identities in stretches only")
     truth = drive.truth()
+    if model.motion == "odometry":
+        model = replace(model, landmark_sigma=WEAK_PRIOR)
     return answer_of(truth, known_association(drive.scans, truth, model))
 
 

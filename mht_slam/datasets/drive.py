@@ -27,9 +27,9 @@ class Drive:
     reference_poses : (m, 3) x, y in metres and theta in radians; forward is along theta. NaN where
         the source has no reference, which may be the heading alone; (0, 3) without any.
     reference_landmarks : id to (x, y), metres, in the frame of the poses; empty without any.
-    stretches : (first, last) scans, both included, between which identities hold. Scans outside
-        have -1 everywhere, which says nothing there, and ids of different stretches differ even
-        where the landmark is the same. A recording whose identities hold throughout has one.
+    stretches : (first, last) scans, both included, between which identities hold; None, for all of
+        them, becomes one stretch. Scans outside have -1 everywhere, which says nothing there, and
+        ids of different stretches differ even where the landmark is the same.
 
     Raises `OptionError` where the lengths disagree.
     """
@@ -39,7 +39,7 @@ class Drive:
     identities: tuple[IntArray, ...]
     reference_poses: FloatArray = field(default_factory=lambda: freeze(np.empty((0, 3))))
     reference_landmarks: Mapping[int, tuple[float, float]] = field(default_factory=dict)
-    stretches: tuple[tuple[int, int], ...] = ()
+    stretches: tuple[tuple[int, int], ...] | None = None
 
     def __post_init__(self) -> None:
         counts = [len(scan) for scan in self.scans]
@@ -50,8 +50,9 @@ class Drive:
                 f"{self.name}: reference_poses has shape {self.reference_poses.shape}: "
                 f"give ({len(counts)}, 3), or (0, 3) without a reference"
             )
-        if not self.stretches and counts:
-            object.__setattr__(self, "stretches", ((0, len(counts) - 1),))
+        if self.stretches is None:
+            whole = ((0, len(counts) - 1),) if counts else ()
+            object.__setattr__(self, "stretches", whole)
 
     def __len__(self) -> int:
         return len(self.scans)
@@ -79,7 +80,7 @@ class Drive:
         inside = slice(first, last + 1)
         stretches = [
             (max(start, first) - first, min(end, last) - first)
-            for start, end in self.stretches
+            for start, end in self.stretches or ()
             if start <= last and end >= first
         ]
         return replace(
@@ -88,7 +89,7 @@ class Drive:
             scans=begun_anew(self.scans[inside]),
             identities=self.identities[inside],
             reference_poses=self.reference_poses[inside],
-            stretches=tuple(stretches) or ((0, last - first),),
+            stretches=tuple(stretches),
         )
 
     def truth(self, scans: Sequence[int] | None = None) -> Association:
@@ -115,7 +116,7 @@ def shuffled_drive(
     *,
     poses: FloatArray | None = None,
     landmarks: Mapping[int, tuple[float, float]] | None = None,
-    stretches: Sequence[tuple[int, int]] = (),
+    stretches: Sequence[tuple[int, int]] | None = None,
 ) -> Drive:
     """Shuffle the detections of each scan of a recording and give them as a drive.
 
@@ -135,7 +136,7 @@ def shuffled_drive(
         ),
         reference_poses=freeze(np.empty((0, 3)) if poses is None else np.array(poses)),
         reference_landmarks={} if landmarks is None else dict(landmarks),
-        stretches=tuple(stretches),
+        stretches=None if stretches is None else tuple(stretches),
     )
 
 

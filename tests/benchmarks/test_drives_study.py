@@ -178,3 +178,13 @@ def test_a_table_with_other_columns_is_kept_aside(
     rows = run_study(lambda drive, _model, _option: study.Answer(drive.truth()))
     assert len(rows) == N_DRIVES
     assert (tmp_path / "rows.old.csv").read_text(encoding="utf-8") == "set,f1\nloop,0.5\n"
+
+
+@pytest.mark.usefixtures("study")
+def test_both_halves_of_a_simulated_set_have_all_sizes(monkeypatch: pytest.MonkeyPatch) -> None:
+    sets = import_module("drive_sets")
+    monkeypatch.setattr(sets, "N_SEEDS", 2)
+    drives = sets.simulated("smooth")
+    sizes = [{(len(d.reference_landmarks), len(d)) for d in half} for half in sets.halves(drives)]
+    assert sizes[0] == sizes[1] == set(sets.SIMULATED)
+    assert len({d.name for d in drives}) == len(drives)

@@ -52,6 +52,7 @@ def test_stretches_are_cut_with_the_scans() -> None:
     stretched = drive(stretches=((0, 1), (3, 4)))
     assert drive().stretches == ((0, 4),)
     assert stretched.part(1, 3).stretches == ((0, 0), (2, 2))
+    assert stretched.part(2, 2).stretches == ()
 
 
 @pytest.mark.parametrize(("first", "last"), [(-1, 2), (2, 5), (3, 2)])
