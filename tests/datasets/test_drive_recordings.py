@@ -26,6 +26,11 @@ def recordings() -> None:
         pytest.skip(str(reason))
 
 
+@pytest.fixture(scope="module")
+def park_windows(recordings: None) -> list[Drive]:
+    return victoria_park_windows()
+
+
 def bearing_residuals(drive: Drive) -> np.ndarray:
     """Measured minus reference bearing of every detection with a known landmark, radians."""
     found = []
@@ -76,9 +81,8 @@ def test_the_car_park_steers_like_the_car_of_the_same_group() -> None:
     assert np.all(mad(whitened(drive)) < 1.0)
 
 
-@pytest.mark.usefixtures("recordings")
-def test_victoria_park_odometry_agrees_with_the_windows() -> None:
-    parts = victoria_park_windows()
+def test_victoria_park_odometry_agrees_with_the_windows(park_windows: list[Drive]) -> None:
+    parts = park_windows
     assert len(parts) == 111
     tracked = [(np.concatenate(part.identities) != MISSED).mean() for part in parts]
     assert np.mean(tracked) > 0.8
@@ -87,9 +91,10 @@ def test_victoria_park_odometry_agrees_with_the_windows() -> None:
     assert np.degrees(mad(np.concatenate([bearing_residuals(part) for part in parts]))) < 0.2
 
 
-@pytest.mark.usefixtures("recordings")
-def test_windows_that_share_a_scan_are_one_stretch_of_the_whole_park() -> None:
-    whole, parts = victoria_park_drive(), victoria_park_windows()
+def test_windows_that_share_a_scan_are_one_stretch_of_the_whole_park(
+    park_windows: list[Drive],
+) -> None:
+    whole, parts = victoria_park_drive(), park_windows
     assert len(whole) == 4207
     assert whole.has_odometry
     assert len(whole.stretches) == 111 - 57
