@@ -1,5 +1,7 @@
 """The recordings as drives: odometry leads from scan to scan, references fit what was seen."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -19,16 +21,16 @@ from mht_slam.measurements import wrap_angle
 
 
 @pytest.fixture(scope="module")
-def recordings() -> None:
+def recordings() -> Path:
     try:
-        data_folder()
+        return data_folder()
     except RecordingNotFoundError as reason:
         pytest.skip(str(reason))
 
 
 @pytest.fixture(scope="module")
-def park_windows(recordings: None) -> list[Drive]:
-    return victoria_park_windows()
+def park_windows(recordings: Path) -> list[Drive]:
+    return victoria_park_windows(recordings / "victoria_park")
 
 
 def bearing_residuals(drive: Drive) -> np.ndarray:
