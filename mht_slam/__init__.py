@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from mht_slam.hypotheses import Posterior as Posterior
     from mht_slam.hypotheses import RankedAssociation as RankedAssociation
     from mht_slam.hypotheses import Ranking as Ranking
+    from mht_slam.incremental.config import SlamConfig as SlamConfig
+    from mht_slam.incremental.estimator import MultiHypothesisSlam as MultiHypothesisSlam
+    from mht_slam.incremental.slam_map import SlamMap as SlamMap
     from mht_slam.measurements import BearingScan as BearingScan
     from mht_slam.measurements import Odometry as Odometry
     from mht_slam.measurements import RunPair as RunPair
@@ -62,6 +65,7 @@ _HOME = {
     "Exchange": "tracking.exchanges",
     "Hypothesis": "hypotheses",
     "Observability": "graph.observability",
+    "MultiHypothesisSlam": "incremental.estimator",
     "ObservationModel": "models",
     "Odometry": "measurements",
     "OrderChange": "tracking.zones",
@@ -70,6 +74,8 @@ _HOME = {
     "RankedAssociation": "hypotheses",
     "Ranking": "hypotheses",
     "RunPair": "measurements",
+    "SlamConfig": "incremental.config",
+    "SlamMap": "incremental.slam_map",
     "Solution": "pipeline",
     "StraightRun": "measurements",
     "TightestAssociation": "consistency.tightest",

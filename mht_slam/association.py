@@ -19,6 +19,8 @@ MISSED = -1
 
 MOST_DETECTIONS = 1_000_000
 """The most detections of a scan: more is a mistake, and would fill the memory with labels."""
+REPR_SIZE = 1000
+"""Entries of a table beyond which it is not written out."""
 
 
 class Association:
@@ -208,6 +210,8 @@ class Association:
         return hash((self._n_detections, self._table.tobytes()))
 
     def __repr__(self) -> str:
+        if self._table.size > REPR_SIZE:
+            return f"<Association of {self.n_landmarks} landmarks in {self.n_scans} scans>"
         return f"Association({self._table.tolist()}, {self._n_detections})"
 
     def __reduce__(self) -> tuple[type[Association], tuple[IntArray, tuple[int, ...]]]:

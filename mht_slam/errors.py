@@ -41,6 +41,10 @@ class ScanFileError(MhtSlamError, ValueError):
     """A scan file that is malformed; the message names file, line and field."""
 
 
+class CheckpointError(MhtSlamError, ValueError):
+    """A file that is no checkpoint of the incremental estimator, or a damaged one."""
+
+
 class RecordingError(MhtSlamError, ValueError):
     """A public recording that does not have the format its reader expects."""
 

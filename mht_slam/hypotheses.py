@@ -202,7 +202,7 @@ class Posterior(Sequence[Hypothesis]):
         discretised evidence; None where nobody searched.
     """
 
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: Sequence[Hypothesis]
     scans: tuple[int, ...]
     model: ObservationModel
     unit: str = "baseline"
@@ -217,7 +217,7 @@ class Posterior(Sequence[Hypothesis]):
     @overload
     def __getitem__(self, index: slice) -> tuple[Hypothesis, ...]: ...
     def __getitem__(self, index: int | slice) -> Hypothesis | tuple[Hypothesis, ...]:
-        return self.hypotheses[index]
+        return tuple(self.hypotheses[index]) if isinstance(index, slice) else self.hypotheses[index]
 
     def __iter__(self) -> Iterator[Hypothesis]:
         return iter(self.hypotheses)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 
-from mht_slam.arrays import FloatArray
+from mht_slam.arrays import BoolArray, FloatArray
 from mht_slam.association import MISSED
 from mht_slam.incremental.branch import Branch, Window, extended
 from mht_slam.incremental.config import SlamConfig
@@ -42,7 +43,7 @@ class Weights:
         model = config.observation_model
         chance, rate = model.detection_probability, model.false_alarm_rate
         expected = model.expected_landmarks
-        assert chance is not None and rate is not None and expected is not None  # noqa: S101, PT018
+        assert chance is not None and rate is not None and expected is not None  # noqa: S101
         coming = expected * max(1.0 - model.stay_probability, 1e-6)
         return cls(
             first_landmark=math.log(expected * chance),
@@ -119,7 +120,7 @@ def predict(
     chances = np.minimum(visible * model.detection_probability, CERTAIN)
     proposals = propose(step, branch.poses)
     relative, covariances = relative_landmarks(
-        branch.poses[-1], branch.places, branch.centres, branch.root
+        branch.poses[-1], branch.places, branch.centres, branch.last_root
     )
     singles = _singles(branch, newest, config.pair_within)
     count = len(proposals.motions)
@@ -185,7 +186,7 @@ def predict(
     )
 
 
-def options(prediction: Prediction, config: SlamConfig, best_elsewhere: float) -> list[Option]:
+def _options(prediction: Prediction, config: SlamConfig, best_elsewhere: float) -> list[Option]:
     """Return the children of a branch that may be worth solving, in no order.
 
     They are expected to score no more than `config.drop` below the best, of this branch or others.
@@ -208,8 +209,8 @@ def options(prediction: Prediction, config: SlamConfig, best_elsewhere: float) -
         if rank < config.ranked and len(rows):
             found = list(islice(ranked_matchings(part), config.depth))
         elif reached[g]:
-            columns = np.flatnonzero(part.any(axis=0)) if len(rows) else []
-            pairs = sorted((int(part[:, d].argmax()), int(d)) for d in columns)
+            taken = np.flatnonzero(part.any(axis=0)).tolist()
+            pairs = sorted((int(part[:, d].argmax()), d) for d in taken)
             found = [(tuple(pairs), float(bounds[g] - offsets[g]))]
         else:
             found = [best_matching(part)]
@@ -222,9 +223,23 @@ def options(prediction: Prediction, config: SlamConfig, best_elsewhere: float) -
     return [Option(score, prediction, named, g) for named, (score, g) in best.items()]
 
 
-def upper_bound(prediction: Prediction) -> float:
-    """Return what no child of a branch is expected to exceed."""
-    return float(best_rows(prediction.table, prediction.offsets)[0].max())
+def best_options(predictions: Sequence[Prediction], config: SlamConfig) -> list[Option]:
+    """Return the children of all branches that may be worth solving, the most promising first."""
+    bounds = [float(best_rows(p.table, p.offsets)[0].max(initial=-math.inf)) for p in predictions]
+    found: list[Option] = []
+    best = -math.inf
+    for i in np.argsort(-np.array(bounds), kind="stable").tolist():
+        if bounds[i] >= best - config.drop:
+            found += _options(predictions[i], config, best)
+            best = max((option.log_score for option in found), default=best)
+    found.sort(key=lambda option: (-option.log_score, option.matches))
+    return [option for option in found if option.log_score >= best - config.drop]
+
+
+def nothing_matched(prediction: Prediction) -> Option:
+    """Return the child in which every detection stands alone."""
+    g = int(np.argmax(prediction.offsets))
+    return Option(float(prediction.offsets[g]), prediction, (), g)
 
 
 def child(option: Option, window: Window, config: SlamConfig, weights: Weights) -> Branch:
@@ -264,7 +279,7 @@ def child(option: Option, window: Window, config: SlamConfig, weights: Weights) 
         pairs,
         log_pattern + left * alone,
         np.maximum(visible, 0.0),
-        np.ones(len(pairs)),
+        [1.0] * len(pairs),
     )
 
 
@@ -290,12 +305,14 @@ def _log_seen_again(chance: float, stay: float, back: float, gap: int) -> float:
 
 def _in_view(
     relative: FloatArray, motion: FloatArray, half_view: float, sight: float | None
-) -> FloatArray:
+) -> BoolArray:
     away = relative - motion[:2]
     turned = np.arctan2(away[:, 1], away[:, 0]) - motion[2]
     turned = (turned + np.pi) % (2.0 * np.pi) - np.pi
     inside = np.abs(turned) <= half_view
-    return inside if sight is None else inside & (np.hypot(away[:, 0], away[:, 1]) <= sight)
+    if sight is not None:
+        inside &= np.hypot(away[:, 0], away[:, 1]) <= sight
+    return np.asarray(inside)
 
 
 def _crossing(

@@ -11,10 +11,7 @@ import numpy as np
 from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.association import MISSED
 from mht_slam.incremental.past import Committed, places_of, points_of
-from mht_slam.incremental.smoother import smooth_window
-
-FAR = 1e6
-"""Nats a branch is behind that has no optimum."""
+from mht_slam.incremental.smoother import inverse_root, smooth_window
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +61,7 @@ class Branch:
     poses : (w + 2, 3), the two committed ones first.
     log_pattern : log weight of what was detected, missed and left alone.
     log_evidence : of the geometry, as `smooth_window` has it.
-    root : of landmarks and last pose, as `smooth_window` has it.
+    root : as `smooth_window` has it.
     """
 
     owners: tuple[IntArray, ...]
@@ -84,6 +81,18 @@ class Branch:
     def log_score(self) -> float:
         """Log weight among the branches of one window."""
         return self.log_pattern + self.log_evidence
+
+    @property
+    def last_root(self) -> FloatArray:
+        """The block of `root` that belongs to the landmarks and the last pose."""
+        size = 2 * len(self.ids) + 3
+        return self.root[-size:, -size:]
+
+    @property
+    def log_range_deviations(self) -> FloatArray:
+        """(n,) standard deviations of the landmarks' log ranges."""
+        spread = inverse_root(self.last_root)
+        return np.asarray(np.sqrt((spread[1 : 2 * len(self.ids) : 2] ** 2).sum(axis=1)))
 
     @property
     def key(self) -> bytes:
@@ -158,7 +167,7 @@ def extended(
     visible, new_visible : of the parent's landmarks after the scan, and of the new ones.
     """
     newest = len(window.bearings) - 1
-    bearings, sigmas = window.bearings[newest], window.sigmas[newest]
+    bearings = window.bearings[newest]
     here = parent.poses[-1]
     c, s = math.cos(here[2]), math.sin(here[2])
     pose = np.array(
@@ -208,16 +217,13 @@ def landmark_number(scan: int, detection: int) -> int:
     return (scan << 20) + detection
 
 
-def rearranged(branch: Branch, window: Window, past: Committed, *, committed_scan: bool) -> Branch:
-    """Bring a branch into the order of a new window, without its oldest scan if that was committed.
+def rearranged(branch: Branch, window: Window, past: Committed) -> Branch:
+    """Bring a branch into the order of a new window, without its oldest scan.
 
     Tentative landmarks that no open scan sees any more are let go.
     """
-    sightings, bearings, sigmas = branch.sightings, branch.bearings, branch.sigmas
-    if committed_scan:
-        open_ones = sightings[:, 0] > 2
-        sightings = sightings[open_ones] - np.array([1, 0])
-        bearings, sigmas = bearings[open_ones], sigmas[open_ones]
+    still_open = branch.sightings[:, 0] > 2
+    sightings = branch.sightings[still_open] - np.array([1, 0])
     at = {number: i for i, number in enumerate(branch.ids.tolist())}
     settled = set(window.settled.tolist())
     sighted = set(sightings[:, 1].tolist())
@@ -242,15 +248,15 @@ def rearranged(branch: Branch, window: Window, past: Committed, *, committed_sca
     sightings = np.column_stack([sightings[:, 0], order[sightings[:, 1]]])
     return replace(
         branch,
-        owners=branch.owners[1:] if committed_scan else branch.owners,
+        owners=branch.owners[1:],
         ids=np.concatenate([window.settled, branch.ids[own]]),
         centres=np.concatenate([window.centres, branch.centres[own]]),
         places=places,
         visible=visible,
         sightings=sightings,
-        bearings=bearings,
-        sigmas=sigmas,
-        poses=branch.poses[1:] if committed_scan else branch.poses,
+        bearings=branch.bearings[still_open],
+        sigmas=branch.sigmas[still_open],
+        poses=branch.poses[1:],
     )
 
 

@@ -33,7 +33,7 @@ class SlamConfig:
     hypotheses: int = 10
     """Global hypotheses kept from scan to scan, K."""
     lag: int = 10
-    """Scans whose associations are still open; older ones are settled as the best hypothesis says."""
+    """Scans whose associations are open; older ones are settled as the best hypothesis says."""
     drop: float = 12.0
     """Hypotheses this many nats below the best are dropped."""
     ranked: int = 3
@@ -50,6 +50,15 @@ class SlamConfig:
     """Deviation of its log range below which a landmark enters the committed map."""
     active: int = 40
     """Landmarks of the committed map that a scan may see: the nearest ones."""
+    familiar: float = 0.5
+    """Deviation, in units of the landmarks' spacing and three times over, up to which the place of
+    a landmark out of sight is sure enough for single detections to recognise it."""
+    loop_odds: float = 6.0
+    """Nats of evidence that close a loop, from several landmarks together."""
+    loop_scans: int = 50
+    """Scans over which that evidence is gathered: how long a landmark counts as new."""
+    loop_every: int = 10
+    """Scans between two looks for loops."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, ObservationModel):
@@ -61,11 +70,14 @@ class SlamConfig:
                 "model leaves out detection_probability, false_alarm_rate or expected_landmarks: "
                 "state all three, associations of different size compete here"
             )
-        for name in ("hypotheses", "lag", "ranked", "depth", "pair_within", "active"):
+        for name in ("hypotheses", "lag", "ranked", "depth", "pair_within"):
+            whole_number(getattr(self, name), name, at_least=1)
+        for name in ("active", "loop_scans", "loop_every"):
             whole_number(getattr(self, name), name, at_least=1)
         finite_number(self.drop, "drop", above=0.0)
         finite_number(self.return_probability, "return_probability", above=0.0, below=1.0)
-        finite_number(self.settled, "settled", above=0.0)
+        for name in ("settled", "familiar", "loop_odds"):
+            finite_number(getattr(self, name), name, above=0.0)
         if self.sight is not None:
             finite_number(self.sight, "sight", above=0.0)
 

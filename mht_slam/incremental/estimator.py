@@ -1,89 +1,294 @@
-"""`MultiHypothesisSlam`: scan after scan, many hypotheses over an open window and one past."""
+"""`MultiHypothesisSlam`: scan after scan, many hypotheses over the open scans and one past."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, TypeAlias
 
 import numpy as np
 
-from mht_slam.arrays import FloatArray, IntArray
-from mht_slam.association import MISSED
+from mht_slam.arrays import FloatArray, IntArray, freeze
+from mht_slam.association import MISSED, Association
+from mht_slam.errors import MeasurementError
 from mht_slam.graph.standstill import standstills
-from mht_slam.incremental.associate import (
-    Option,
-    Weights,
-    child,
-    options,
-    predict,
-    upper_bound,
+from mht_slam.hypotheses import Posterior
+from mht_slam.incremental import associate, checkpoint
+from mht_slam.incremental.branch import (
+    Branch,
+    Window,
+    carried_along,
+    empty_branch,
+    rearranged,
+    solved,
 )
-from mht_slam.incremental.branch import Branch, Window, empty_branch, carried_along, rearranged, solved
-from mht_slam.incremental.loops import find_loop
 from mht_slam.incremental.config import SlamConfig
-from mht_slam.incremental.past import Committed, Sighted, commit, merged, nothing_committed, recentred
-from mht_slam.incremental.smoother import inverse_root
+from mht_slam.incremental.history import History, association_of
+from mht_slam.incremental.live import live_posterior, marginal_owners
+from mht_slam.incremental.loops import INFLATION, find_loop, spacing_of
+from mht_slam.incremental.monitor import Monitor, opened
+from mht_slam.incremental.past import (
+    Committed,
+    Sighted,
+    commit,
+    merged,
+    nothing_committed,
+    points_of,
+    recentred,
+)
+from mht_slam.incremental.slam_map import SlamMap
 from mht_slam.incremental.steps import Step, frame_step, next_step
+from mht_slam.incremental.whole_run import WholeRun, smooth_whole_run
 from mht_slam.measurements import BearingScan
 
+Status: TypeAlias = Literal["initialising", "tracking", "lost"]
+
 ROUNDS = 10
+"""Gauss-Newton steps at most for one branch and scan; most need two."""
+STARTED = 3
+"""Scans before there is a posterior: fewer tell nothing apart."""
+KNOWN_LOG_RANGE = 0.1
+"""Deviation of its log range below which a landmark's coordinates become Cartesian."""
+LOOP_SIGMA = 0.04
+"""How far two estimates of one landmark may differ when a loop is closed, in spacings."""
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """A hypothesis that did not survive the last scan.
+
+    Attributes
+    ----------
+    reason : "improbable" (further behind than `SlamConfig.drop`), "one too many" (more than
+        `SlamConfig.hypotheses` were better), "no optimum", or "settled otherwise" (it reads the
+        scan that has just been committed in another way than the best hypothesis does).
+    behind : nats behind the best one.
+    """
+
+    reason: Literal["improbable", "one too many", "no optimum", "settled otherwise"]
+    behind: float
 
 
 class MultiHypothesisSlam:
-    """The incremental estimator."""
+    """The incremental multi-hypothesis estimator.
+
+    Every scan, each hypothesis is extended by the best associations at a row of proposed poses;
+    the best children are solved over the open scans, given one Gaussian that stands for everything
+    before; the best of those are kept. A scan that is `SlamConfig.lag` scans old is settled as the
+    best hypothesis says. New landmarks that together look like old ones close loops.
+
+    The frame is that of the first pose, x forward and y left; the unit is the metre with motion
+    ``odometry``, the first step otherwise.
+
+    Source: docs/method.md, section 5, and docs/incremental.md.
+
+    >>> import numpy as np
+    >>> slam = MultiHypothesisSlam(SlamConfig(motion="smooth"))
+    >>> for x in range(4):
+    ...     scan = BearingScan(np.arctan2([2.0, -3.0, 2.5], np.array([4.0, 5.0, 8.0]) - x))
+    ...     posterior = slam.update(scan)
+    >>> slam.status, slam.association.n_landmarks, slam.map.points.shape
+    ('tracking', 3, (3, 2))
+    """
 
     def __init__(self, config: SlamConfig | None = None) -> None:
         self.config = SlamConfig() if config is None else config
         model = self.config.observation_model
-        self._weights = Weights.of(self.config)
+        self._weights = associate.Weights.of(self.config)
         self._dof = math.inf if model.bearing_dof is None else model.bearing_dof
-        self._past = nothing_committed(
-            model.heading_sigma if model.motion == "straight" else 0.0
-        )
-        self._branches: list[Branch] = [empty_branch()]
+        heading_sigma = model.heading_sigma if model.motion == "straight" else 0.0
+        self._past = nothing_committed(heading_sigma)
         self._window = _first_window(self._past)
-        self._scans = 0
-        self.owners: list[IntArray] = []
-        self.poses: list[FloatArray] = []
-        self.renamed: dict[int,int] = {}
-        self.loops: list = []
-        self._last_scan: BearingScan | None = None
+        self._branches: tuple[Branch, ...] = (empty_branch(),)
+        self._history = History()
+        self._monitor = Monitor()
         self._moved: float | None = None
+        self._dropped: list[Dropped] = []
+        self._whole_run: tuple[int, WholeRun] | None = None
 
-    def update(self, scan: BearingScan) -> None:
-        config = self.config
-        model = config.observation_model
-        sigma = np.full(len(scan), model.sigma) if scan.sigma is None else scan.sigma
-        still = False
-        if self._scans == 0:
-            step = frame_step()
-        else:
-            if model.stops and model.motion == "smooth" and self._scans > 1:
-                assert self._last_scan is not None
-                last = self._last_scan
-                last_sigma = np.full(len(last), model.sigma) if last.sigma is None else last.sigma
-                still = standstills((last, scan), (last_sigma, sigma))[0]
-            step = next_step(model, scan, self._scans, still, self._moved)
-            if still and self._moved is None:
-                best = self._branches[0].poses
-                self._moved = math.dist(best[-1, :2], best[-2, :2])
-            elif not still:
-                self._moved = None
+    # What goes in
+
+    def update(self, scan: BearingScan) -> Posterior:
+        """Take the next scan and return the posterior over the open scans.
+
+        Raises `MeasurementError`, before anything has changed, for what is no scan, for known
+        identities, for a time that does not come after the last one, and for missing odometry.
+        """
+        self._check(scan)
+        model = self.config.observation_model
+        number = self.n_scans
+        sigmas = np.full(len(scan), model.sigma) if scan.sigma is None else scan.sigma
+        step = self._step(scan, sigmas)
+        if self.status == "lost":
+            step = opened(step)
+        self._dropped = []
         self._window = replace(
             self._window,
             bearings=(*self._window.bearings, scan.bearings),
-            sigmas=(*self._window.sigmas, sigma),
+            sigmas=(*self._window.sigmas, sigmas),
             kinds=np.append(self._window.kinds, step.kind),
             motion=np.concatenate([self._window.motion, step.parameters[None]]),
         )
-        if self._scans == 0:
-            self._branches = [self._first(scan)]
+        history = self._history
+        history.bearings.append(scan.bearings)
+        history.sigmas.append(sigmas)
+        history.times.append(math.nan if scan.time is None else scan.time)
+        history.steps.append(step)
+        if number == 0:
+            self._branches = (self._first(scan),)
         else:
             self._grow(step)
-        self._scans += 1
-        self._last_scan = scan
-        if len(self._window.bearings) > config.lag:
+        self._monitor = self._monitor.after(self._branches[0].owners)
+        if len(self._window.bearings) > self.config.lag:
             self._commit()
+        return self.posterior
+
+    # What comes out
+
+    @property
+    def n_scans(self) -> int:
+        """Scans taken in so far."""
+        return len(self._history.bearings)
+
+    @property
+    def status(self) -> Status:
+        """``initialising`` before the third scan; ``lost`` while recent scans contradict the map.
+
+        While lost, the motion prior is opened wide, so that the next scans may say where the robot
+        is.
+        """
+        if self.n_scans < STARTED:
+            return "initialising"
+        return "lost" if self._monitor.is_lost else "tracking"
+
+    @property
+    def posterior(self) -> Posterior:
+        """The hypotheses over the open scans; none while initialising."""
+        branches = () if self.status == "initialising" else self._branches
+        return live_posterior(branches, self._window, self.config.observation_model)
+
+    @property
+    def association(self) -> Association:
+        """Everything so far, as the best hypothesis has it: landmarks seen twice or more."""
+        return association_of(self._owners())[0]
+
+    @property
+    def trajectory(self) -> FloatArray:
+        """(m, 3) smoothed poses of all scans: the whole run solved as one graph, on demand."""
+        return self.whole_run.poses
+
+    @property
+    def map(self) -> SlamMap:
+        """Smoothed landmarks, in the order of the rows of `association`, on demand."""
+        whole = self.whole_run
+        _, numbers = association_of(self._owners())
+        at = np.searchsorted(whole.numbers, numbers)
+        return SlamMap(numbers, freeze(whole.points[at]), whole.counts[at], at, whole)
+
+    @property
+    def whole_run(self) -> WholeRun:
+        """The graph of the whole run under the best association, solved from the online estimate.
+
+        Takes time that grows with the run; made once per scan, when asked for.
+        """
+        if self._whole_run is None or self._whole_run[0] != self.n_scans:
+            model, history = self.config.observation_model, self._history
+            best = self._branches[0]
+            points = dict(zip(self._past.ids.tolist(), self._past.points, strict=True))
+            open_points = points_of(best.places, best.centres)
+            points.update(zip(best.ids.tolist(), open_points, strict=True))
+            solution = smooth_whole_run(
+                history.steps,
+                self._owners(),
+                history.bearings,
+                history.sigmas,
+                self.online_trajectory,
+                points,
+                dof=model.bearing_dof,
+                landmark_sigma=model.landmark_sigma,
+            )
+            self._whole_run = self.n_scans, solution
+        return self._whole_run[1]
+
+    @property
+    def online_trajectory(self) -> FloatArray:
+        """(m, 3) poses as they were known when they were settled, and the open ones as of now."""
+        return np.array([*self._history.poses, *self._branches[0].poses[2:]]).reshape(-1, 3)
+
+    @property
+    def marginal_associations(self) -> list[dict[int, float]]:
+        """For each detection of the newest scan, the probability of each landmark, -1 for none."""
+        return marginal_owners(self._branches, len(self._window.bearings) - 1)
+
+    @property
+    def dropped(self) -> tuple[Dropped, ...]:
+        """Which hypotheses did not survive the last scan, and why."""
+        return tuple(self._dropped)
+
+    @property
+    def loops(self) -> tuple[tuple[int, int, float], ...]:
+        """Loops closed so far: scan, landmarks recognised together, log odds."""
+        return tuple(self._history.loops)
+
+    @property
+    def committed(self) -> Committed:
+        """The settled past: two poses and all landmarks of the map, with their covariance."""
+        return self._past
+
+    def save(self, path: str | Path) -> None:
+        """Write everything to a file, from which `load` goes on to the same results.
+
+        Written beside and moved into place: a write that fails leaves an older file as it was.
+        """
+        checkpoint.write(
+            Path(path), self.config, self._past, self._window, self._branches, self._history,
+            self._monitor, self._moved,
+        )  # fmt: skip
+
+    @classmethod
+    def load(cls, path: str | Path) -> MultiHypothesisSlam:
+        """Read what `save` wrote; raises `CheckpointError` for any other file."""
+        parts = checkpoint.read(Path(path))
+        slam = cls(parts.config)
+        slam._past, slam._window, slam._branches = parts.past, parts.window, parts.branches
+        slam._history, slam._monitor, slam._moved = parts.history, parts.monitor, parts.moved
+        return slam
+
+    # How it works
+
+    def _check(self, scan: BearingScan) -> None:
+        number = self.n_scans
+        if not isinstance(scan, BearingScan):
+            raise MeasurementError(f"scan {number} is {scan!r}: give a BearingScan")
+        if scan.labels is not None and any(label is not None for label in scan.labels):
+            raise MeasurementError(
+                f"scan {number} has labels: the incremental estimator knows no identities, leave "
+                "them out, or solve the run as a whole"
+            )
+        times = [time for time in self._history.times if not math.isnan(time)]
+        if scan.time is not None and times and scan.time <= times[-1]:
+            raise MeasurementError(
+                f"scan {number} has time {scan.time:g}, the scan before {times[-1]:g}: leave out "
+                "scans that come late or twice"
+            )
+
+    def _step(self, scan: BearingScan, sigmas: FloatArray) -> Step:
+        number, model = self.n_scans, self.config.observation_model
+        if number == 0:
+            return frame_step()
+        still = False
+        if model.stops and model.motion == "smooth" and number > 1:
+            last = BearingScan(self._history.bearings[-1])
+            still = standstills((last, scan), (self._history.sigmas[-1], sigmas))[0]
+        step = next_step(model, scan, number, still, self._moved)
+        if not still:
+            self._moved = None
+        elif self._moved is None:
+            poses = self._branches[0].poses
+            self._moved = math.dist(poses[-1, :2], poses[-2, :2])
+        return step
 
     def _first(self, scan: BearingScan) -> Branch:
         branch = self._branches[0]
@@ -92,90 +297,64 @@ class MultiHypothesisSlam:
             owners=(np.full(len(scan), MISSED, np.int64),),
             poses=np.concatenate([branch.poses, np.zeros((1, 3))]),
         )
-        found = self._solved(alone, ROUNDS)
-        assert found is not None
-        return found
+        return self._solved(alone) or alone
 
-    def _solved(self, branch: Branch, rounds: int) -> Branch | None:
-        return solved(
-            branch,
-            self._window,
-            self._dof,
-            self.config.observation_model.landmark_sigma,
-            rounds,
-        )
+    def _solved(self, branch: Branch) -> Branch | None:
+        sigma = self.config.observation_model.landmark_sigma
+        return solved(branch, self._window, self._dof, sigma, ROUNDS)
 
     def _grow(self, step: Step) -> None:
-        config = self.config
+        """Extend every branch by the newest scan and keep the best children."""
+        config, window, weights = self.config, self._window, self._weights
         predictions = [
-            predict(branch, self._window, step, config, self._weights)
-            for branch in self._branches
+            associate.predict(branch, window, step, config, weights) for branch in self._branches
         ]
-        bounds = [upper_bound(prediction) for prediction in predictions]
-        found: list[Option] = []
-        best = -math.inf
-        for i in np.argsort(-np.array(bounds), kind="stable").tolist():
-            if bounds[i] >= best - config.drop:
-                found += options(predictions[i], config, best)
-                best = max(option.log_score for option in found)
-        found.sort(key=lambda option: -option.log_score)
+        found = associate.best_options(predictions, config)
         children: dict[bytes, Branch] = {}
         for option in found[: 2 * config.hypotheses]:
-            if option.log_score < found[0].log_score - config.drop:
-                break
-            branch = self._solved(child(option, self._window, config, self._weights), ROUNDS)
-            if branch is not None and branch.key not in children:
-                children[branch.key] = branch
-        self._branches = self._kept(list(children.values()))
+            branch = self._solved(associate.child(option, window, config, weights))
+            if branch is None:
+                self._dropped.append(Dropped("no optimum", math.inf))
+            else:
+                children.setdefault(branch.key, branch)
+        if not children:  # at worst the scan says nothing
+            for prediction in predictions:
+                alone = associate.child(
+                    associate.nothing_matched(prediction), window, config, weights
+                )
+                children[alone.key] = self._solved(alone) or replace(alone, log_evidence=-math.inf)
+        self._branches = self._kept(children.values())
 
-    def _kept(self, branches: list[Branch]) -> list[Branch]:
-        branches.sort(key=lambda branch: (-branch.log_score, branch.key))
-        best = branches[0].log_score
-        return [
-            b
-            for b in branches[: self.config.hypotheses]
-            if b.log_score >= best - self.config.drop
-        ]
+    def _kept(self, branches: Iterable[Branch]) -> tuple[Branch, ...]:
+        ordered = sorted(branches, key=lambda branch: (-branch.log_score, branch.key))
+        best = ordered[0].log_score
+        kept: list[Branch] = []
+        for branch in ordered:
+            behind = best - branch.log_score
+            if behind > self.config.drop:
+                self._dropped.append(Dropped("improbable", behind))
+            elif len(kept) >= self.config.hypotheses:
+                self._dropped.append(Dropped("one too many", behind))
+            else:
+                kept.append(branch)
+        return tuple(kept)
 
     def _commit(self) -> None:
-        best = self._branches[0]
-        window, config = self._window, self.config
+        """Settle the oldest open scan as the best branch says."""
+        best, window = self._branches[0], self._window
         oldest = best.owners[0]
-        agreeing = [b for b in self._branches if np.array_equal(b.owners[0], oldest)]
-        n_settled = len(window.settled)
-        spread = inverse_root(best.root)
-        n = len(best.ids)
-        deviations = np.sqrt((spread[1 : 2 * n : 2] ** 2).sum(axis=1))
-        taken = []
-        for o in np.flatnonzero(best.sightings[:, 0] == 2).tolist():
-            j = int(best.sightings[o, 1])
-            if j < n_settled or deviations[j] < config.settled:
-                taken.append((o, j))
-        obs, lms = [o for o, _ in taken], [j for _, j in taken]
-        self.owners.append(oldest)
-        self.poses.append(best.poses[2].copy())
-        # what is known of landmarks that leave the window
-        for i, number in enumerate(window.settled.tolist()):
-            where = np.flatnonzero(self._past.ids == number)[0]
-            self._past.visible[where] = best.visible[i]
-        self._past = commit(
-            self._past,
-            int(window.kinds[0]),
-            window.motion[0],
-            best.poses[:3],
-            Sighted(
-                ids=best.ids[lms],
-                bearings=best.bearings[obs],
-                sigmas=best.sigmas[obs],
-                places=best.places[lms],
-                centres=best.centres[lms],
-            ),
-            self._dof,
-            window.first,
-        )
-        self._past = recentred(self._past, 0.1)
-        if window.first % 10 == 0 and len(self._past.ids) > 6:
-            agreeing = self._close_loop(agreeing)
+        agreeing = []
+        for branch in self._branches:
+            if np.array_equal(branch.owners[0], oldest):
+                agreeing.append(branch)
+            else:
+                behind = best.log_score - branch.log_score
+                self._dropped.append(Dropped("settled otherwise", behind))
+        self._history.owners.append(oldest)
+        self._history.poses.append(best.poses[2].copy())
+        self._past = self._with_oldest_scan(best)
+        if window.first % self.config.loop_every == 0:
+            agreeing = self._loops_closed(agreeing)
         chosen = self._active(agreeing)
         mean, information = self._past.marginal(chosen)
         self._window = replace(
@@ -190,45 +369,79 @@ class MultiHypothesisSlam:
             settled=self._past.ids[chosen],
             centres=self._past.centres[chosen],
         )
-        renewed = []
-        for branch in agreeing:
-            again = self._solved(
-                rearranged(branch, self._window, self._past, committed_scan=True), ROUNDS
-            )
-            if again is not None:
-                renewed.append(again)
-        self._branches = self._kept(renewed)
+        renewed = [rearranged(branch, self._window, self._past) for branch in agreeing]
+        found = [self._solved(branch) for branch in renewed]
+        usable = [branch for branch in found if branch is not None]
+        self._branches = self._kept(usable or renewed)
 
-    def _close_loop(self, branches: list[Branch]) -> list[Branch]:
+    def _with_oldest_scan(self, best: Branch) -> Committed:
+        window, past = self._window, self._past
+        at = {number: i for i, number in enumerate(past.ids.tolist())}
+        visible = past.visible.copy()
+        for i, number in enumerate(window.settled.tolist()):
+            visible[at[number]] = best.visible[i]
+        deviations = best.log_range_deviations
+        sighted = np.flatnonzero(best.sightings[:, 0] == 2)
+        rows = best.sightings[sighted, 1]
+        ready = (rows < len(window.settled)) | (deviations[rows] < self.config.settled)
+        sighted, rows = sighted[ready], rows[ready]
+        committed = commit(
+            replace(past, visible=visible),
+            int(window.kinds[0]),
+            window.motion[0],
+            best.poses[:3],
+            Sighted(
+                ids=best.ids[rows],
+                bearings=best.bearings[sighted],
+                sigmas=best.sigmas[sighted],
+                places=best.places[rows],
+                centres=best.centres[rows],
+            ),
+            self._dof,
+            window.first,
+        )
+        return recentred(committed, KNOWN_LOG_RANGE)
+
+    def _loops_closed(self, branches: list[Branch]) -> list[Branch]:
+        config, scan = self.config, self._window.first
         while True:
-            loop = find_loop(self._past, self._window.first - 100, 10.0)
+            loop = find_loop(self._past, scan - config.loop_scans, config.loop_odds)
             if loop is None:
                 return branches
-            before = self._past.mean[3:6]
-            renamed = dict(
-                zip(self._past.ids[loop.new].tolist(), self._past.ids[loop.old].tolist(), strict=True)
-            )
-            self._past = merged(self._past, loop.new, loop.old, 0.03)
-            self.renamed.update(renamed)
-            self.loops.append((self._window.first, loop.log_odds, renamed))
-            branches = [
-                carried_along(b, before, self._past.mean[3:6], renamed) for b in branches
-            ]
+            past = self._past
+            before = past.mean[3:6]
+            names = zip(past.ids[loop.new].tolist(), past.ids[loop.old].tolist(), strict=True)
+            renamed = dict(names)
+            sigma = LOOP_SIGMA * spacing_of(past.points[loop.new])
+            self._past = merged(past, loop.new, loop.old, sigma)
+            self._history.renamed.update(renamed)
+            self._history.loops.append((scan, len(renamed), loop.log_odds))
+            after = self._past.mean[3:6]
+            branches = [carried_along(branch, before, after, renamed) for branch in branches]
 
     def _active(self, branches: list[Branch]) -> IntArray:
-        past = self._past
-        here = branches[0].poses[-1, :2]
-        away = np.hypot(*(past.points - here).T)
-        seen: set[int] = set()
-        for branch in branches:
-            for owner in branch.owners[1:]:
-                seen.update(owner.tolist())
+        """Indices of the settled landmarks that the next scans may see.
+
+        Those of the open scans, then the nearest ones. A landmark out of sight for longer counts
+        only where its place, seen from the robot, is certain: else single detections would
+        recognise whatever lies nearest, where only several landmarks together can tell.
+        """
+        past, config = self._past, self.config
+        away = np.hypot(*(past.points - branches[0].poses[-1, :2]).T)
+        seen = {n for branch in branches for owner in branch.owners[1:] for n in owner.tolist()}
+        lately = self._window.first - past.last_seen
+        out_of_sight = lately > config.lag
+        if out_of_sight.any():
+            recent = past.first_seen > self._window.first - config.loop_scans
+            spacing = spacing_of(past.points[recent])
+            unsure = INFLATION * past.deviations_from_robot() > config.familiar * spacing
+            away[out_of_sight & unsure] = np.inf
         away[np.isin(past.ids, np.array(sorted(seen), np.int64))] = -1.0
-        import os
-        old = past.last_seen < self._window.first - int(os.environ.get("OLD","100000"))
-        away[old & (away>=0)] = np.inf
-        count = min(max(self.config.active, int((away < 0).sum())), int(np.isfinite(away).sum()))
+        count = min(max(config.active, int((away < 0).sum())), int(np.isfinite(away).sum()))
         return np.sort(np.argsort(away, kind="stable")[:count])
+
+    def _owners(self) -> list[IntArray]:
+        return self._history.owners_now(self._branches[0].owners)
 
 
 def _first_window(past: Committed) -> Window:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mht_slam.arrays import FloatArray, IntArray
+from mht_slam.arrays import BoolArray, FloatArray, IntArray
 from mht_slam.incremental.past import Committed, point_jacobians
 
 INFLATION = 3.0
@@ -22,9 +22,11 @@ FARTHEST = 3.5
 """Drift looked for, in units of the landmarks' spacing."""
 MOST_TURN = math.radians(25.0)
 """Drift in heading looked for."""
-MOST_SEEDS = 4000
-"""Alignments of two landmarks that are tried."""
-FEWEST = 3
+MOST_SEEDS = 2000
+"""Alignments of two landmarks with two old ones that are counted out."""
+MOST_TRIED = 24
+"""Alignments, those under which most landmarks meet, that are weighed."""
+FEWEST = 4
 """Landmarks that have to be recognised together."""
 
 
@@ -61,10 +63,11 @@ def find_loop(past: Committed, recent_since: int, threshold: float) -> Loop | No
     points = past.points
     covariances, cross = _covariances(past)
     spread = np.sqrt(np.trace(covariances, axis1=1, axis2=2))
-    spacing = _spacing(points)
+    recent = past.first_seen >= recent_since
+    spacing = spacing_of(points[recent])
     good = spread < spacing
-    new = np.flatnonzero(good & (past.first_seen >= recent_since))
-    old = np.flatnonzero(good & (past.first_seen < recent_since))
+    new = np.flatnonzero(good & recent)
+    old = np.flatnonzero(good & ~recent)
     if len(new) < FEWEST or len(old) < FEWEST:
         return None
     offset = points[old][None] - points[new][:, None]  # (a, b, 2)
@@ -84,7 +87,7 @@ def find_loop(past: Committed, recent_since: int, threshold: float) -> Loop | No
         if key in known:
             continue
         known.add(key)
-        log_odds = _log_odds(past, points, cross, new, old, near, pairs, spacing)
+        log_odds = _log_odds(points, cross, new, old, pairs, spacing)
         found.append((log_odds, *pairs))
     if not found:
         return None
@@ -111,8 +114,8 @@ def _covariances(past: Committed) -> tuple[FloatArray, FloatArray]:
     return own, joint
 
 
-def _spacing(points: FloatArray) -> float:
-    """Median distance from a landmark to the next one."""
+def spacing_of(points: FloatArray) -> float:
+    """Return the median distance from a landmark to the next one; 1 without two."""
     if len(points) < 2:
         return 1.0
     away = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
@@ -123,7 +126,7 @@ def _spacing(points: FloatArray) -> float:
 def _seeds(
     points: FloatArray, new: IntArray, old: IntArray, spacing: float
 ) -> list[tuple[int, int]]:
-    """Pairs of pairs whose distances agree, with the drift that they ask for being small."""
+    """Pairs of candidate pairs whose distances agree, those first under which most pairs meet."""
     a, b = points[new], points[old]
     i, j = np.triu_indices(len(new), 1)
     fine = (new[i] != new[j]) & (old[i] != old[j])
@@ -133,16 +136,28 @@ def _seeds(
     turn = np.arctan2(da[:, 0] * db[:, 1] - da[:, 1] * db[:, 0], (da * db).sum(axis=1))
     fine = (np.abs(la - lb) <= 2.0 * GATE * FLOOR * spacing) & (la > spacing)
     fine &= np.abs(turn) <= MOST_TURN
-    i, j, turn, la = i[fine], j[fine], turn[fine], la[fine]
-    order = np.argsort(np.abs(turn) - 0.02 * la / spacing, kind="stable")[:MOST_SEEDS]
-    return list(zip(i[order].tolist(), j[order].tolist(), strict=True))
+    i, j, turn = i[fine], j[fine], turn[fine]
+    drift = np.hypot(*(0.5 * (b[i] + b[j] - a[i] - a[j])).T) / spacing
+    order = np.argsort(drift + np.abs(turn) / MOST_TURN, kind="stable")[:MOST_SEEDS]
+    i, j, turn = i[order], j[order], turn[order]
+    cosine, sine = np.cos(turn), np.sin(turn)
+    start, end = 0.5 * (a[i] + a[j]), 0.5 * (b[i] + b[j])
+    x = a[None, :, 0] - start[:, None, 0]
+    y = a[None, :, 1] - start[:, None, 1]
+    x, y = (
+        cosine[:, None] * x - sine[:, None] * y + end[:, None, 0] - b[None, :, 0],
+        sine[:, None] * x + cosine[:, None] * y + end[:, None, 1] - b[None, :, 1],
+    )
+    votes = (x * x + y * y <= (GATE * FLOOR * spacing) ** 2).sum(axis=1)
+    best = np.argsort(-votes, kind="stable")[:MOST_TRIED]
+    return list(zip(i[best].tolist(), j[best].tolist(), strict=True))
 
 
 def _inliers(
     points: FloatArray,
     new: IntArray,
     old: IntArray,
-    near: FloatArray,
+    near: BoolArray,
     pairs: tuple[IntArray, IntArray],
     seed: tuple[int, int],
     spacing: float,
@@ -170,19 +185,15 @@ def _rigid(a: FloatArray, b: FloatArray) -> tuple[float, FloatArray, FloatArray]
     """Turn about the mean of a, and both means, that take a to b by least squares."""
     start, end = a.mean(axis=0), b.mean(axis=0)
     x, y = a - start, b - end
-    turn = math.atan2(
-        float((x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0]).sum()), float((x * y).sum())
-    )
+    turn = math.atan2(float((x[:, 0] * y[:, 1] - x[:, 1] * y[:, 0]).sum()), float((x * y).sum()))
     return turn, start, end
 
 
 def _log_odds(
-    past: Committed,
     points: FloatArray,
     joint: FloatArray,
     new: IntArray,
     old: IntArray,
-    near: FloatArray,
     pairs: tuple[IntArray, IntArray],
     spacing: float,
 ) -> float:

@@ -53,6 +53,23 @@ class Committed:
         """(n, 2) landmarks."""
         return points_of(self.places, self.centres)
 
+    def deviations_from_robot(self) -> FloatArray:
+        """(n,) greatest deviation of each landmark's place in the frame of the newest pose."""
+        n = len(self.ids)
+        away = self.points - self.mean[3:5]
+        jacobian = np.zeros((n, 2, 5))
+        jacobian[:, :, :2] = point_jacobians(self.places)
+        jacobian[:, 0, 2] = jacobian[:, 1, 3] = -1.0
+        # Turning the robot turns what it sees the other way; the frame's axes do not matter here.
+        jacobian[:, 0, 4], jacobian[:, 1, 4] = away[:, 1], -away[:, 0]
+        at = np.concatenate(
+            [6 + 2 * np.arange(n)[:, None] + np.arange(2), np.tile([3, 4, 5], (n, 1))], axis=1
+        )
+        joint = self.covariance[at[:, :, None], at[:, None, :]]
+        relative = jacobian @ joint @ jacobian.transpose(0, 2, 1)
+        half, product = 0.5 * np.trace(relative, axis1=1, axis2=2), np.linalg.det(relative)
+        return np.asarray(np.sqrt(half + np.sqrt(np.maximum(half**2 - product, 0.0))))
+
     def marginal(self, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
         """Mean and information of the poses and the landmarks at these indices."""
         at = np.concatenate([np.arange(6), (6 + 2 * chosen[:, None] + np.arange(2)).ravel()])
@@ -91,9 +108,8 @@ def nothing_committed(heading_sigma: float) -> Committed:
 def points_of(places: FloatArray, centres: FloatArray) -> FloatArray:
     """(n, 2) points from directions and log ranges about centres."""
     reach = np.exp(places[:, 1])
-    return centres + np.stack(
-        [reach * np.cos(places[:, 0]), reach * np.sin(places[:, 0])], axis=1
-    )
+    arm = np.stack([reach * np.cos(places[:, 0]), reach * np.sin(places[:, 0])], axis=1)
+    return np.asarray(centres + arm)
 
 
 def places_of(points: FloatArray, centres: FloatArray) -> FloatArray:
@@ -274,9 +290,7 @@ def _updated(
         ],
         axis=1,
     )
-    at = np.concatenate(
-        [np.tile([3, 4, 5], (m, 1)), 6 + 2 * rows[:, None] + np.arange(2)], axis=1
-    )
+    at = np.concatenate([np.tile([3, 4, 5], (m, 1)), 6 + 2 * rows[:, None] + np.arange(2)], axis=1)
     variances = sighted.sigmas**2
     if math.isfinite(dof):
         variances = variances * (dof + innovation**2 / sighted.sigmas**2) / (dof + 1.0)
@@ -290,4 +304,3 @@ def _updated(
     gain = np.linalg.solve(total, cross.T).T
     covariance = covariance - gain @ cross.T
     return mean + gain @ residual, 0.5 * (covariance + covariance.T)
-

@@ -21,7 +21,7 @@ def relative_landmarks(
     Parameters
     ----------
     pose : (3,) the last one; places, centres : (n, 2) landmarks as `smooth_window` keeps them.
-    root : its last result.
+    root : the last block of its last result, of landmarks and last pose.
 
     Returns
     -------

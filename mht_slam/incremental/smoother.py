@@ -58,9 +58,9 @@ def smooth_window(
     -------
     usable : whether there is an optimum.
     log_evidence : of all but the constants that branches of one window share.
-    root : upper triangle U, U^T U the information of landmarks and last pose together, both
-        (2 n + 3) squared: the last block of the Cholesky factor, in which the other unknowns come
-        first.
+    root : upper triangle U, U^T U the information of all unknowns: poses but the last, landmarks,
+        last pose. Its last block is the same for landmarks and last pose alone, the others
+        integrated out.
     """
     n_poses, n = len(poses), len(places)
     first_landmark = 3 * (n_poses - 1)
@@ -140,7 +140,7 @@ def smooth_window(
         )
     if not math.isfinite(log_evidence):
         return False, -math.inf, nothing
-    return True, log_evidence, root[first_landmark:, first_landmark:].copy()
+    return True, log_evidence, root
 
 
 @compiled

@@ -157,9 +157,7 @@ def propose(step: Step, poses: FloatArray) -> Proposals:
     if p[2] <= FRAME_SIGMA:
         changes = np.zeros(1)
     lengths = np.exp(mean + p[2] * changes)
-    direction, turn, change = np.meshgrid(
-        directions, turns, np.arange(len(lengths)), indexing="ij"
-    )
+    direction, turn, change = np.meshgrid(directions, turns, np.arange(len(lengths)), indexing="ij")
     length = lengths[change]
     motions = np.stack([length * np.cos(direction), length * np.sin(direction), turn], axis=-1)
     away = turn + here[2] if step.kind == STRAIGHT else turn

@@ -31,6 +31,7 @@ class WholeRun:
     poses : (m, 3) x, y, theta.
     numbers : (n,) landmarks, increasing.
     points : (n, 2).
+    counts : (n,) detections of each.
     graph, values : to go on in GTSAM; keys are x0, x1, ... and l of the landmark's place in
         `numbers`.
     """
@@ -38,6 +39,7 @@ class WholeRun:
     poses: FloatArray
     numbers: IntArray
     points: FloatArray
+    counts: IntArray
     graph: gtsam.NonlinearFactorGraph
     values: gtsam.Values
 
@@ -105,6 +107,7 @@ def smooth_whole_run(
     return WholeRun(
         poses=_poses(values, len(poses)),
         numbers=np.array(list(rows), np.int64),
+        counts=np.array([len(row) for row in rows.values()], np.int64),
         points=np.array([values.atPoint2(L(i)) for i in range(len(rows))]).reshape(-1, 2),
         graph=graph,
         values=values,

@@ -1,0 +1,78 @@
+"""What is settled for good: an append-only log of scans, steps, poses and decisions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mht_slam.arrays import FloatArray, IntArray
+from mht_slam.association import MISSED, Association
+from mht_slam.incremental.steps import Step
+
+
+@dataclass(eq=False)
+class History:
+    """One entry per scan, the open ones included; owners and poses of committed scans only.
+
+    Attributes
+    ----------
+    bearings, sigmas : (d,) of each scan.
+    times : seconds, NaN where a scan has none.
+    steps : before each scan.
+    owners : for each committed scan the landmark of each detection, -1 for one on its own, with
+        the names of the time; loops rename landmarks later.
+    poses : (3,) of each committed scan, as the filter knew it when it was committed.
+    renamed : landmarks that turned out to be others.
+    loops : (scan, landmarks recognised, log odds) of every loop closed.
+    """
+
+    bearings: list[FloatArray] = field(default_factory=list)
+    sigmas: list[FloatArray] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+    owners: list[IntArray] = field(default_factory=list)
+    poses: list[FloatArray] = field(default_factory=list)
+    renamed: dict[int, int] = field(default_factory=dict)
+    loops: list[tuple[int, int, float]] = field(default_factory=list)
+
+    def name(self, number: int) -> int:
+        """Return what a landmark is called now."""
+        while number in self.renamed:
+            number = self.renamed[number]
+        return number
+
+    def owners_now(self, open_owners: Sequence[IntArray]) -> list[IntArray]:
+        """Owners of all scans by today's names; `open_owners` are those of the window."""
+        names = {number: self.name(number) for number in self.renamed}
+        return [
+            np.array([names.get(number, number) for number in owner.tolist()], np.int64)
+            for owner in [*self.owners, *open_owners]
+        ]
+
+
+def association_of(owners: Sequence[IntArray]) -> tuple[Association, IntArray]:
+    """Return the association that owners by scan stand for, and the landmark of each row.
+
+    Landmarks with a single detection are left out, as are detections on their own: nothing tells
+    them from false alarms.
+    """
+    counts: dict[int, int] = {}
+    for owner in owners:
+        for number in owner.tolist():
+            counts[number] = counts.get(number, 0) + 1
+    numbers = sorted(n for n, count in counts.items() if n != MISSED and count > 1)
+    row = {number: i for i, number in enumerate(numbers)}
+    table = np.full((len(numbers), len(owners)), MISSED, np.int64)
+    for scan, owner in enumerate(owners):
+        for detection, number in enumerate(owner.tolist()):
+            if number in row:
+                table[row[number], scan] = detection
+    association = Association(table, [len(owner) for owner in owners])
+    # `Association` sorts its rows; a row is known by its first detection.
+    place = {row.tobytes(): i for i, row in enumerate(association.table)}
+    order = np.array([place[table[i].tobytes()] for i in range(len(numbers))], np.int64)
+    sorted_numbers = np.empty(len(numbers), np.int64)
+    sorted_numbers[order] = numbers
+    return association, sorted_numbers
