@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from mht_slam.arrays import FloatArray
 from mht_slam.association import MISSED, Association
 from mht_slam.cli.run_folder import write_json
 from mht_slam.comparison import ComparisonRow
-from mht_slam.hypotheses import Hypothesis, Posterior
+from mht_slam.hypotheses import Posterior
 from mht_slam.measurements import BearingScan
 from mht_slam.pipeline import Solution
 
@@ -53,7 +54,8 @@ def write_results(
         written.append(folder / SEEDS_FILE)
     if len(solution.posterior) and solution.posterior[0].poses is not None:
         path = folder / TRAJECTORY_FILE
-        path.write_text(tum_trajectory(solution.posterior[0], scans), encoding="utf-8")
+        poses, times = solution.posterior[0].poses, [scan.time for scan in scans]
+        path.write_text(tum_trajectory(poses, times), encoding="utf-8")
         written.append(path)
     return written
 
@@ -86,15 +88,13 @@ def describe_association(association: Association) -> str:
     )
 
 
-def tum_trajectory(hypothesis: Hypothesis, scans: Sequence[BearingScan]) -> str:
-    """Write poses as ``timestamp x y z qx qy qz qw``, one scan a line, in the posterior's unit.
+def tum_trajectory(poses: FloatArray, times: Sequence[float | None]) -> str:
+    """Write (m, 3) poses as ``timestamp x y z qx qy qz qw``, one scan a line, in their unit.
 
     The timestamp is the scan's time where all scans have one, else its index.
     """
-    assert hypothesis.poses is not None  # noqa: S101 - narrows the type
-    times = [scan.time for scan in scans]
     lines = []
-    for index, (x, y, theta) in enumerate(hypothesis.poses.tolist()):
+    for index, (x, y, theta) in enumerate(poses.tolist()):
         time = float(index) if None in times else times[index]
         qz, qw = math.sin(theta / 2.0), math.cos(theta / 2.0)
         lines.append(f"{time!r} {x!r} {y!r} 0.0 0.0 0.0 {qz!r} {qw!r}\n")

@@ -23,6 +23,9 @@ from mht_slam.datasets.location import data_folder as data_folder
 from mht_slam.datasets.scan_files import ScanFile as ScanFile
 from mht_slam.datasets.scan_files import read_scans as read_scans
 from mht_slam.datasets.scan_files import write_scans as write_scans
+from mht_slam.datasets.scan_records import ScanRecord as ScanRecord
+from mht_slam.datasets.scan_stream import stream_json_lines as stream_json_lines
+from mht_slam.datasets.scan_stream import stream_scans as stream_scans
 from mht_slam.datasets.victoria_park import VictoriaParkRecording as VictoriaParkRecording
 from mht_slam.datasets.victoria_park import read_victoria_park as read_victoria_park
 from mht_slam.datasets.victoria_park_runs import straight_window_runs as straight_window_runs

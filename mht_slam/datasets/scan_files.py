@@ -54,8 +54,8 @@ def read_scans(path: str | os.PathLike[str], *, file_format: FileFormat | None =
     blank file, or one that cannot be read; nothing half-read is returned.
     """
     source = Path(path)
-    chosen = _format(source, file_format)
-    text = _text(source)
+    chosen = file_format_of(source, file_format)
+    text = read_text(source)
     records = parse_csv(text, source) if chosen == "csv" else parse_json_lines(text, source)
     if not records:
         raise Place(source, 1).error("file", "blank", "give at least one scan")
@@ -76,7 +76,7 @@ def write_scans(
     (sigmas, labels, odometry, no detections), or a folder that cannot be written.
     """
     target = Path(path)
-    chosen = _format(target, file_format)
+    chosen = file_format_of(target, file_format)
     members = tuple(scans)
     if not members:
         raise ScanFileError(f"{target}: scans: none: give at least one scan")
@@ -96,7 +96,8 @@ def write_scans(
     _replace(target, text)
 
 
-def _format(path: Path, file_format: FileFormat | None) -> FileFormat:
+def file_format_of(path: Path, file_format: FileFormat | None = None) -> FileFormat:
+    """Return the format asked for, or else that of the suffix; raises `ScanFileError`."""
     if file_format is not None:
         if file_format not in FORMAT_OF_SUFFIX.values():
             raise ScanFileError(f"{path}: file_format: {file_format!r}: give 'jsonl' or 'csv'")
@@ -110,18 +111,24 @@ def _format(path: Path, file_format: FileFormat | None) -> FileFormat:
     return FORMAT_OF_SUFFIX[suffix]
 
 
-def _text(path: Path) -> str:
+def read_text(path: Path) -> str:
+    """Return the text of a scan file; raises `ScanFileError` where there is none."""
     try:
         raw = path.read_bytes()
     except OSError as cause:
-        raise ScanFileError(
-            f"{path}: cannot be read ({cause.strerror}): give a file that exists and is readable"
-        ) from cause
+        raise unreadable(path, cause) from cause
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as cause:
         place = Place(path, raw.count(b"\n", 0, cause.start) + 1)
         raise place.error("text", "not UTF-8", "save the file as UTF-8") from None
+
+
+def unreadable(path: Path, cause: OSError) -> ScanFileError:
+    """Return the error for a scan file that the system refuses to read."""
+    return ScanFileError(
+        f"{path}: cannot be read ({cause.strerror}): give a file that exists and is readable"
+    )
 
 
 def _truth(records: list[ScanRecord], path: Path) -> Association | None:

@@ -22,10 +22,34 @@ ODOMETRY_KEYS = ("dx", "dy", "dtheta_deg", "covariance")
 def parse_json_lines(text: str, path: Path) -> list[ScanRecord]:
     """Read one scan from every line that is not blank; raises `ScanFileError`."""
     return [
-        _record(line, Place(path, number))
+        parse_json_line(line, Place(path, number))
         for number, line in enumerate(text.split("\n"), start=1)
         if line.strip()
     ]
+
+
+def parse_json_line(line: str, place: Place) -> ScanRecord:
+    """Read the one scan of a line; raises `ScanFileError` that names the place."""
+    values = _load(line, place)
+    if not isinstance(values, dict):
+        raise place.error("line", f"{_kind(values)}", 'give one object {"bearings_deg": [...]}')
+    _check_keys(values, SCAN_KEYS, ("bearings_deg",), "", place)
+    bearings = _numbers(values["bearings_deg"], "bearings_deg", place)
+    odometry = values.get("odometry")
+    try:
+        scan = BearingScan(
+            np.array([math.radians(bearing) for bearing in bearings]),
+            time=_optional_number(values.get("time"), "time", place),
+            sigma=_sigma(values.get("sigma_deg"), place),
+            labels=_labels(values.get("labels"), place),
+            odometry=None if odometry is None else _odometry(odometry, place),
+        )
+    except MeasurementError as cause:
+        raise place.measurement_error(cause) from cause
+    landmarks = _landmarks(values.get("landmarks"), place)
+    if landmarks is not None:
+        check_landmarks(landmarks, len(scan), place)
+    return ScanRecord(scan, landmarks, place.line)
 
 
 def format_json_lines(
@@ -49,29 +73,6 @@ def format_json_lines(
             values["landmarks"] = list(landmarks[i])
         lines.append(json.dumps(values, allow_nan=False) + "\n")
     return "".join(lines)
-
-
-def _record(line: str, place: Place) -> ScanRecord:
-    values = _load(line, place)
-    if not isinstance(values, dict):
-        raise place.error("line", f"{_kind(values)}", 'give one object {"bearings_deg": [...]}')
-    _check_keys(values, SCAN_KEYS, ("bearings_deg",), "", place)
-    bearings = _numbers(values["bearings_deg"], "bearings_deg", place)
-    odometry = values.get("odometry")
-    try:
-        scan = BearingScan(
-            np.array([math.radians(bearing) for bearing in bearings]),
-            time=_optional_number(values.get("time"), "time", place),
-            sigma=_sigma(values.get("sigma_deg"), place),
-            labels=_labels(values.get("labels"), place),
-            odometry=None if odometry is None else _odometry(odometry, place),
-        )
-    except MeasurementError as cause:
-        raise place.measurement_error(cause) from cause
-    landmarks = _landmarks(values.get("landmarks"), place)
-    if landmarks is not None:
-        check_landmarks(landmarks, len(scan), place)
-    return ScanRecord(scan, landmarks, place.line)
 
 
 def _load(line: str, place: Place) -> object:
