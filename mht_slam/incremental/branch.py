@@ -224,22 +224,21 @@ def rearranged(branch: Branch, window: Window, past: Committed) -> Branch:
     """
     still_open = branch.sightings[:, 0] > 2
     sightings = branch.sightings[still_open] - np.array([1, 0])
-    at = {number: i for i, number in enumerate(branch.ids.tolist())}
-    settled = set(window.settled.tolist())
+    place_of = {number: i for i, number in enumerate(window.settled.tolist())}
     sighted = set(sightings[:, 1].tolist())
-    own = [
-        i for i, number in enumerate(branch.ids.tolist()) if number not in settled and i in sighted
-    ]
+    numbers = branch.ids.tolist()
+    own = [i for i, number in enumerate(numbers) if number not in place_of and i in sighted]
     n_settled = len(window.settled)
     places = np.concatenate([window.places, branch.places[own]])
     where = {number: i for i, number in enumerate(past.ids.tolist())}
     visible = np.concatenate(
         [past.visible[[where[n] for n in window.settled.tolist()]], branch.visible[own]]
     )
-    order = np.full(len(branch.ids), -1, np.int64)
-    for new, number in enumerate(window.settled.tolist()):
-        old = at.get(number)
-        if old is not None:
+    order = np.full(len(numbers), -1, np.int64)
+    # Where a loop has given two landmarks one name, the sighted one knows better where it is.
+    for old in sorted(range(len(numbers)), key=lambda i: i in sighted):
+        new = place_of.get(numbers[old])
+        if new is not None:
             order[old] = new
             point = points_of(branch.places[old : old + 1], branch.centres[old : old + 1])
             places[new] = places_of(point, window.centres[new : new + 1])[0]

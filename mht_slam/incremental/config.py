@@ -50,7 +50,7 @@ class SlamConfig:
     """Deviation of its log range below which a landmark enters the committed map."""
     active: int = 40
     """Landmarks of the committed map that a scan may see: the nearest ones."""
-    familiar: float = 0.5
+    familiar: float = 1.0
     """Deviation, in units of the landmarks' spacing and three times over, up to which the place of
     a landmark out of sight is sure enough for single detections to recognise it."""
     loop_odds: float = 6.0

@@ -25,9 +25,9 @@ from mht_slam.incremental.branch import (
     solved,
 )
 from mht_slam.incremental.config import SlamConfig
-from mht_slam.incremental.history import History, association_of
+from mht_slam.incremental.history import History, SeenApart, association_of
 from mht_slam.incremental.live import live_posterior, marginal_owners
-from mht_slam.incremental.loops import INFLATION, find_loop, spacing_of
+from mht_slam.incremental.loops import INFLATION, find_loop, find_twins, spacing_of
 from mht_slam.incremental.monitor import Monitor, opened
 from mht_slam.incremental.past import (
     Committed,
@@ -404,8 +404,14 @@ class MultiHypothesisSlam:
 
     def _loops_closed(self, branches: list[Branch]) -> list[Branch]:
         config, scan = self.config, self._window.first
+        chance = config.observation_model.detection_probability
+        assert chance is not None  # noqa: S101 - checked by the configuration
         while True:
             loop = find_loop(self._past, scan - config.loop_scans, config.loop_odds)
+            if loop is None:
+                apart = SeenApart(self._history, branches)
+                chosen = self._active(branches)
+                loop = find_twins(self._past, chosen, apart, chance, config.loop_odds)
             if loop is None:
                 return branches
             past = self._past
@@ -434,7 +440,8 @@ class MultiHypothesisSlam:
         if out_of_sight.any():
             recent = past.first_seen > self._window.first - config.loop_scans
             spacing = spacing_of(past.points[recent])
-            unsure = INFLATION * past.deviations_from_robot() > config.familiar * spacing
+            inflation = INFLATION * (1.0 + lately / config.loop_scans)
+            unsure = inflation * past.deviations_from_robot() > config.familiar * spacing
             away[out_of_sight & unsure] = np.inf
         away[np.isin(past.ids, np.array(sorted(seen), np.int64))] = -1.0
         count = min(max(config.active, int((away < 0).sum())), int(np.isfinite(away).sum()))

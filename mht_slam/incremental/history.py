@@ -9,6 +9,7 @@ import numpy as np
 
 from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.association import MISSED, Association
+from mht_slam.incremental.branch import Branch
 from mht_slam.incremental.steps import Step
 
 
@@ -50,6 +51,44 @@ class History:
             np.array([names.get(number, number) for number in owner.tolist()], np.int64)
             for owner in [*self.owners, *open_owners]
         ]
+
+
+class SeenApart:
+    """How often just one of two landmarks was seen while both were known.
+
+    Parameters
+    ----------
+    history : the committed scans.
+    branches : the hypotheses over the open ones, of which none may see both together.
+    """
+
+    def __init__(self, history: History, branches: Sequence[Branch]) -> None:
+        self._history, self._branches = history, branches
+
+    def __call__(self, one: int, other: int) -> int | None:
+        """Return the number of scans; None where one scan saw both."""
+        for branch in self._branches:
+            for owner in branch.owners:
+                if (owner == one).any() and (owner == other).any():
+                    return None
+        history = self._history
+        first = max(first_scan(one), first_scan(other))
+        apart, since, both = 0, 0, set()
+        for owner in history.owners[first:]:
+            seen = {history.name(number) for number in owner.tolist()} & {one, other}
+            if len(seen) == 2:
+                return None
+            since += len(seen)
+            both |= seen
+            if len(both) == 2:  # neither has left for good before this scan
+                apart, both = apart + since, set(seen)
+                since = 0
+        return apart
+
+
+def first_scan(number: int) -> int:
+    """Return the scan that first saw a landmark."""
+    return number >> 20
 
 
 def association_of(owners: Sequence[IntArray]) -> tuple[Association, IntArray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,6 +102,57 @@ def find_loop(past: Committed, recent_since: int, threshold: float) -> Loop | No
     if log_odds < threshold:
         return None
     return Loop(new[first], old[second], log_odds)
+
+
+def find_twins(
+    past: Committed,
+    chosen: IntArray,
+    seen_apart: Callable[[int, int], int | None],
+    detection_probability: float,
+    threshold: float,
+) -> Loop | None:
+    """Return two landmarks that stand in one place and never show together: one under two names.
+
+    The log odds of a pair are those of its distance, against anywhere in a landmark's surroundings,
+    and -ln(1 - P_D) for every scan, while both were known, that saw just one of them.
+
+    Parameters
+    ----------
+    chosen : indices of the landmarks looked at.
+    seen_apart : of two landmark numbers, how many scans saw one without the other while both were
+        known; None where some scan saw both.
+    """
+    points = past.points[chosen]
+    if len(points) < 2:
+        return None
+    spacing = spacing_of(points)
+    away = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1))
+    best: Loop | None = None
+    for i, j in np.argwhere(np.triu(away < 0.5 * spacing, 1)).tolist():
+        a, b = int(chosen[i]), int(chosen[j])
+        apart = seen_apart(int(past.ids[a]), int(past.ids[b]))
+        if apart is None:
+            continue
+        covariance = _difference(past, a, b) + (FLOOR * spacing) ** 2 * np.eye(2)
+        offset = points[j] - points[i]
+        log_odds = (
+            -0.5 * float(offset @ np.linalg.solve(covariance, offset))
+            - 0.5 * float(np.linalg.slogdet(2.0 * math.pi * covariance)[1])
+            + 2.0 * math.log(spacing)
+            - apart * math.log1p(-min(detection_probability, 0.99))
+        )
+        if log_odds >= threshold and (best is None or log_odds > best.log_odds):
+            new, old = (a, b) if past.first_seen[a] > past.first_seen[b] else (b, a)
+            best = Loop(np.array([new]), np.array([old]), log_odds)
+    return best
+
+
+def _difference(past: Committed, a: int, b: int) -> FloatArray:
+    """(2, 2) covariance of the difference of two landmarks."""
+    jacobians = point_jacobians(past.places[[a, b]])
+    jacobian = np.concatenate([jacobians[0], -jacobians[1]], axis=1)
+    at = [6 + 2 * a, 7 + 2 * a, 6 + 2 * b, 7 + 2 * b]
+    return np.asarray(jacobian @ past.covariance[np.ix_(at, at)] @ jacobian.T)
 
 
 def _covariances(past: Committed) -> tuple[FloatArray, FloatArray]:
