@@ -16,6 +16,7 @@ from mht_slam.cli.bench import Bench
 from mht_slam.cli.convert import Convert
 from mht_slam.cli.demo import Demo
 from mht_slam.cli.simulate import Simulate
+from mht_slam.cli.slam import Slam
 from mht_slam.cli.solve import Solve
 from mht_slam.cli.track import Track
 from mht_slam.errors import MhtSlamError
@@ -30,6 +31,7 @@ WIDTH_WITHOUT_TERMINAL = 120
 Command: TypeAlias = (
     Annotated[Demo, tyro.conf.subcommand("demo")]
     | Annotated[Solve, tyro.conf.subcommand("solve")]
+    | Annotated[Slam, tyro.conf.subcommand("slam")]
     | Annotated[Track, tyro.conf.subcommand("track")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[Convert, tyro.conf.subcommand("convert")]

@@ -1,0 +1,191 @@
+"""`mht-slam slam FILE`: scan after scan through a file or a live pipe, one result line each."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from rich.console import Console
+
+from mht_slam.arrays import whole_number
+from mht_slam.cli.model_options import ModelOptions
+from mht_slam.cli.options import Output, OutputOptions
+from mht_slam.cli.run_folder import run_folder, to_json
+from mht_slam.errors import NoEstimateError, OptionError, ScanFileError
+from mht_slam.incremental.config import SlamConfig
+from mht_slam.measurements import BearingScan
+
+if TYPE_CHECKING:
+    from mht_slam.datasets.scan_stream import ScanStream
+    from mht_slam.incremental.estimator import MultiHypothesisSlam
+
+PIPE = Path("-")
+PIPE_NAME = Path("stdin")
+"""What standard input is called in messages."""
+
+
+@dataclass(frozen=True)
+class EstimatorOptions:
+    """What is assumed, and how hard the estimator tries."""
+
+    assumed: Annotated[ModelOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=lambda: ModelOptions(preset="panoramic")
+    )
+    hypotheses: int = SlamConfig.hypotheses
+    """Global hypotheses kept from scan to scan."""
+    lag: int = SlamConfig.lag
+    """Scans whose associations are open; older ones are settled as the best hypothesis says."""
+    drop: float = SlamConfig.drop
+    """Hypotheses this many nats below the best are dropped."""
+    pair_within: int = SlamConfig.pair_within
+    """Scans that may lie between the first and the second detection of a landmark."""
+    sight: float | None = SlamConfig.sight
+    """Range beyond which no detection is expected, metres or first steps; any range."""
+    active: int = SlamConfig.active
+    """Landmarks of the settled map that a scan may see: the nearest ones."""
+    loop_odds: float = SlamConfig.loop_odds
+    """Nats of evidence that close a loop, from several landmarks together."""
+    loop_scans: int = SlamConfig.loop_scans
+    """Scans over which that evidence is gathered."""
+
+    def config(self) -> SlamConfig:
+        """Return the estimator's configuration; raises `OptionError`."""
+        effort = {
+            entry.name: getattr(self, entry.name)
+            for entry in fields(self)
+            if entry.name != "assumed"
+        }
+        # A preset states every field, so that no bound on a bearing's error is needed.
+        assumed = replace(self.assumed, preset=self.assumed.preset or "panoramic")
+        return SlamConfig(model=assumed.model(math.nan), **effort)
+
+
+Estimator = Annotated[EstimatorOptions, tyro.conf.OmitArgPrefixes]
+
+
+@dataclass(frozen=True)
+class Slam:
+    """Find out, scan after scan, where the robot is and which detections are one landmark.
+
+    Standard output gets one JSON line for each scan, as soon as it is understood; everything else
+    goes to standard error. A line that is malformed, or a scan that comes late or twice, is
+    rejected with one line there, and the run goes on. At the end, which an interrupt or a closed
+    pipe may bring, a stamped folder gets trajectory, map, associations and figures. Lengths are
+    metres with --motion odometry, first steps else.
+    """
+
+    file: tyro.conf.Positional[Path]
+    """Scan file: JSON lines (.jsonl, .json) or CSV (.csv); - reads JSON lines from a pipe."""
+    estimator: Estimator = field(default_factory=EstimatorOptions)
+    strict: bool = False
+    """End at the first line that is rejected, with exit code 2."""
+    checkpoint: Path | None = None
+    """File to save the estimator in, now and then and at the end."""
+    every: int = 100
+    """Scans from one checkpoint to the next."""
+    resume: Path | None = None
+    """Checkpoint to go on from, with its own configuration. A file that begins like the run that
+    made it is passed over as far as the checkpoint goes; others are taken for what comes after."""
+    animate: bool = False
+    """Also draw how map, path and alternatives came about (run.gif)."""
+    output: Output = field(default_factory=OutputOptions)
+
+    def run(self, console: Console) -> None:
+        """Read the scans as they come, tell what they mean, and leave the results."""
+        del console  # results are lines for other programs
+        from mht_slam.cli.slam_results import write_slam_results
+        from mht_slam.cli.slam_run import Checkpoints, SlamRun
+
+        whole_number(self.every, "every", at_least=1)
+        slam, known = self._start()
+        checkpoints = None
+        if self.checkpoint is not None:
+            if not self.checkpoint.resolve().parent.is_dir():
+                raise OptionError(f"checkpoint: {self.checkpoint.parent} is no folder: make it")
+            checkpoints = Checkpoints(self.checkpoint, self.every)
+        name = PIPE_NAME if self.file == PIPE else self.file
+        # Taken before a progress bar may put something else in its place.
+        run = SlamRun(slam, known, name, sys.stdout, strict=self.strict, checkpoints=checkpoints)
+        configuration = {
+            "seed": None,
+            "options": to_json(self),
+            "model": slam.config.observation_model.to_dict(),
+        }
+        with (
+            self._stream() as stream,
+            run_folder(self.output.output, "slam", configuration) as folder,
+        ):
+            with self._progress() as progress:
+                ended = run.follow(stream, progress)
+            if not slam.n_scans:
+                raise ended or ScanFileError(f"{name}: no scan could be used: give at least one")
+            try:
+                write_slam_results(folder, slam, run.records, run.rejected)
+            except RuntimeError as cause:
+                raise NoEstimateError(
+                    f"the run as a whole has no solution ({cause}): see the online trajectory in "
+                    f"{folder}"
+                ) from cause
+        if not isinstance(ended, BrokenPipeError):
+            sys.stderr.write(f"{_summary(slam, run.rejected.total())}\nResults: {folder}\n")
+        if ended is not None:
+            raise ended
+
+    def _start(self) -> tuple[MultiHypothesisSlam, list[BearingScan]]:
+        """Return the estimator, and the scans that it has."""
+        from mht_slam.incremental import checkpoint
+        from mht_slam.incremental.estimator import MultiHypothesisSlam
+
+        config = self.estimator.config()
+        if self.resume is None:
+            return MultiHypothesisSlam(config), []
+        slam = MultiHypothesisSlam.load(self.resume)
+        if self.estimator != EstimatorOptions() and slam.config != config:
+            raise OptionError(
+                f"resume: {self.resume} was made with other options of the estimator: give the "
+                "same ones, or none"
+            )
+        history = checkpoint.read(self.resume).history
+        known = [
+            BearingScan(bearings, time=None if math.isnan(time) else time)
+            for bearings, time in zip(history.bearings, history.times, strict=True)
+        ]
+        return slam, known
+
+    @contextmanager
+    def _stream(self) -> Iterator[ScanStream]:
+        from mht_slam.datasets import stream_json_lines, stream_scans
+
+        if self.file == PIPE:
+            yield stream_json_lines(sys.stdin.buffer, PIPE_NAME)
+        else:
+            with stream_scans(self.file) as stream:
+                yield stream
+
+    @contextmanager
+    def _progress(self) -> Iterator[Callable[[int], None]]:
+        """Draw a bar for a file, unless the lines themselves show how far the run is."""
+        if self.file == PIPE or sys.stdout.isatty():
+            yield lambda _: None
+            return
+        from mht_slam.cli.study import progress_bar
+
+        with self.file.open("rb") as file:
+            total = sum(1 for _ in file)
+        with progress_bar("estimating") as progress:
+            yield lambda line: progress(line, total)
+
+
+def _summary(slam: MultiHypothesisSlam, rejected: int) -> str:
+    confirmed = int(slam.map.confirmed.sum())
+    text = (
+        f"{slam.n_scans} scans, {confirmed} landmarks confirmed of {len(slam.map)}, "
+        f"{len(slam.loops)} loops closed; {slam.status}."
+    )
+    return text + (f" Lines rejected: {rejected}." if rejected else "")
