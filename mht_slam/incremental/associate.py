@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import heapq
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -106,6 +107,30 @@ class Prediction:
     log_together: FloatArray
 
 
+class Floor:
+    """The score below which a child is not worth listing: too far behind, or one too many.
+
+    Parameters
+    ----------
+    count : children that will be solved.
+    drop : nats behind the best.
+    """
+
+    def __init__(self, count: int, drop: float) -> None:
+        self._best: list[float] = []
+        self._count, self._drop = count, drop
+        self.value = -math.inf
+
+    def raise_by(self, score: float) -> None:
+        """Take note of a child's score."""
+        if len(self._best) < self._count:
+            heapq.heappush(self._best, score)
+        else:
+            heapq.heappushpop(self._best, score)
+        weakest = self._best[0] if len(self._best) == self._count else -math.inf
+        self.value = max(self.value, weakest, score - self._drop)
+
+
 def predict(
     branch: Branch, window: Window, step: Step, config: SlamConfig, weights: Weights
 ) -> Prediction:
@@ -186,10 +211,8 @@ def predict(
     )
 
 
-def _options(prediction: Prediction, config: SlamConfig, best_elsewhere: float) -> list[Option]:
+def _options(prediction: Prediction, config: SlamConfig, floor: Floor) -> list[Option]:
     """Return the children of a branch that may be worth solving, in no order.
-
-    They are expected to score no more than `config.drop` below the best, of this branch or others.
 
     Given the pose, matches are independent but for sharing: each proposal's best matching is a
     linear assignment, and at the best few proposals Murty's ranking gives the next ones. A matching
@@ -198,16 +221,15 @@ def _options(prediction: Prediction, config: SlamConfig, best_elsewhere: float) 
     table, offsets = prediction.table, prediction.offsets
     bounds, reached = best_rows(table, offsets)
     best: dict[Matches, tuple[float, int]] = {}
-    best_score = best_elsewhere
     for rank, g in enumerate(np.argsort(-bounds, kind="stable").tolist()):
-        if bounds[g] < best_score - config.drop:
+        if bounds[g] < floor.value:
             break
         gains = np.maximum(table[g], 0.0)
         rows = np.flatnonzero(gains.any(axis=1))
         part = gains[rows]
-        found: list[tuple[Matches, float]]
+        found: Iterable[tuple[Matches, float]]
         if rank < config.ranked and len(rows):
-            found = list(islice(ranked_matchings(part), config.depth))
+            found = islice(ranked_matchings(part), config.depth)
         elif reached[g]:
             taken = np.flatnonzero(part.any(axis=0)).tolist()
             pairs = sorted((int(part[:, d].argmax()), d) for d in taken)
@@ -216,9 +238,13 @@ def _options(prediction: Prediction, config: SlamConfig, best_elsewhere: float) 
             found = [best_matching(part)]
         for matches, gain in found:
             score = float(offsets[g]) + gain
-            best_score = max(best_score, score)
+            if score < floor.value:
+                break
             named = tuple((int(rows[r]), d) for r, d in matches)
-            if named not in best or score > best[named][0]:
+            if named not in best:
+                floor.raise_by(score)
+                best[named] = score, g
+            elif score > best[named][0]:
                 best[named] = score, g
     return [Option(score, prediction, named, g) for named, (score, g) in best.items()]
 
@@ -227,13 +253,12 @@ def best_options(predictions: Sequence[Prediction], config: SlamConfig) -> list[
     """Return the children of all branches that may be worth solving, the most promising first."""
     bounds = [float(best_rows(p.table, p.offsets)[0].max(initial=-math.inf)) for p in predictions]
     found: list[Option] = []
-    best = -math.inf
+    floor = Floor(2 * config.hypotheses, config.drop)
     for i in np.argsort(-np.array(bounds), kind="stable").tolist():
-        if bounds[i] >= best - config.drop:
-            found += _options(predictions[i], config, best)
-            best = max((option.log_score for option in found), default=best)
+        if bounds[i] >= floor.value:
+            found += _options(predictions[i], config, floor)
     found.sort(key=lambda option: (-option.log_score, option.matches))
-    return [option for option in found if option.log_score >= best - config.drop]
+    return [option for option in found if option.log_score >= floor.value]
 
 
 def nothing_matched(prediction: Prediction) -> Option:

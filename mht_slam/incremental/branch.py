@@ -236,13 +236,14 @@ def rearranged(branch: Branch, window: Window, past: Committed) -> Branch:
     )
     order = np.full(len(numbers), -1, np.int64)
     # Where a loop has given two landmarks one name, the sighted one knows better where it is.
-    for old in sorted(range(len(numbers)), key=lambda i: i in sighted):
-        new = place_of.get(numbers[old])
-        if new is not None:
-            order[old] = new
-            point = points_of(branch.places[old : old + 1], branch.centres[old : old + 1])
-            places[new] = places_of(point, window.centres[new : new + 1])[0]
-            visible[new] = branch.visible[old]
+    kept = [
+        i for i in sorted(range(len(numbers)), key=sighted.__contains__) if numbers[i] in place_of
+    ]
+    new = np.array([place_of[numbers[i]] for i in kept], np.int64)
+    order[kept] = new
+    points = points_of(branch.places[kept], branch.centres[kept])
+    places[new] = places_of(points, window.centres[new])
+    visible[new] = branch.visible[kept]
     order[own] = np.arange(n_settled, n_settled + len(own))
     sightings = np.column_stack([sightings[:, 0], order[sightings[:, 1]]])
     return replace(
