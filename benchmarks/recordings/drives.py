@@ -72,10 +72,13 @@ METHODS = {
         joint_compatibility.OPTIONS,
         ("joint_compatibility", "ekf_slam"),
     ),
+    "one hypothesis": Method(
+        multi_hypothesis.answer, multi_hypothesis.ONE, ("multi_hypothesis", "mht_slam.incremental")
+    ),
     "multi-hypothesis": Method(
         multi_hypothesis.answer,
         multi_hypothesis.OPTIONS,
-        ("multi_hypothesis", "mht_slam.incremental", "mht_slam.graph", "mht_slam.tree"),
+        ("multi_hypothesis", "mht_slam.incremental"),
     ),
 }
 SHARED_CODE = (

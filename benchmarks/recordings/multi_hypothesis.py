@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import numpy as np
 from drive_scores import Answer
 
 import mht_slam as ms
 from mht_slam.datasets import Drive
 from mht_slam.models import ObservationModel
 
-OPTIONS = ("",)
+OPTIONS = ("10 hypotheses",)
+ONE = ("1 hypothesis",)
 """What tuning may choose from; each is handed to `answer` as it stands here."""
 
 
 def answer(drive: Drive, model: ObservationModel, option: str) -> Answer:
     """Feed the scans one by one, and return the best hypothesis with its estimate."""
-    del option
-    slam = ms.MultiHypothesisSlam(ms.SlamConfig(model=model))
+    slam = ms.MultiHypothesisSlam(ms.SlamConfig(model=model, hypotheses=int(option.split()[0])))
     for scan in drive.scans:
         slam.update(scan)
-    return Answer(slam.association, slam.trajectory)
+    points = slam.map.points
+    return Answer(slam.association, slam.trajectory, points, np.arange(len(points)))

@@ -50,6 +50,9 @@ class SlamConfig:
     """Deviation of its log range below which a landmark enters the committed map."""
     active: int = 40
     """Landmarks of the committed map that a scan may see: the nearest ones."""
+    most_landmarks: int = 1000
+    """Landmarks of the committed map; beyond, those unseen for longest are let go. Their detections
+    stay in the association, and their places in the smoothed map."""
     familiar: float = 1.0
     """Deviation, in units of the landmarks' spacing and three times over, up to which the place of
     a landmark out of sight is sure enough for single detections to recognise it."""
@@ -72,7 +75,7 @@ class SlamConfig:
             )
         for name in ("hypotheses", "lag", "ranked", "depth", "pair_within"):
             whole_number(getattr(self, name), name, at_least=1)
-        for name in ("active", "loop_scans", "loop_every"):
+        for name in ("active", "most_landmarks", "loop_scans", "loop_every"):
             whole_number(getattr(self, name), name, at_least=1)
         finite_number(self.drop, "drop", above=0.0)
         finite_number(self.return_probability, "return_probability", above=0.0, below=1.0)

@@ -37,6 +37,7 @@ from mht_slam.incremental.past import (
     nothing_committed,
     points_of,
     recentred,
+    without,
 )
 from mht_slam.incremental.slam_map import SlamMap
 from mht_slam.incremental.steps import Step, frame_step, next_step
@@ -400,7 +401,16 @@ class MultiHypothesisSlam:
             self._dof,
             window.first,
         )
-        return recentred(committed, KNOWN_LOG_RANGE)
+        committed = recentred(committed, KNOWN_LOG_RANGE)
+        too_many = len(committed.ids) - self.config.most_landmarks
+        if too_many > 0:
+            # Those of the open scans stay, however few are allowed.
+            unseen = np.flatnonzero(committed.last_seen < window.first - self.config.lag)
+            oldest_first = unseen[np.argsort(committed.last_seen[unseen], kind="stable")]
+            open_ones = {n for b in self._branches for o in b.owners for n in o.tolist()}
+            gone = [i for i in oldest_first.tolist() if int(committed.ids[i]) not in open_ones]
+            committed = without(committed, np.array(gone[:too_many], np.int64))
+        return committed
 
     def _loops_closed(self, branches: list[Branch]) -> list[Branch]:
         config, scan = self.config, self._window.first

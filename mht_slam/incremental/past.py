@@ -175,20 +175,26 @@ def merged(past: Committed, new: IntArray, old: IntArray, sigma: float) -> Commi
     mean = past.mean + gain @ off
     covariance = past.covariance - gain @ cross.T
     covariance = 0.5 * (covariance + covariance.T)
-    kept = np.ones(len(past.ids), np.bool_)
-    kept[new] = False
     last_seen, visible = past.last_seen.copy(), past.visible.copy()
     last_seen[old] = np.maximum(last_seen[old], last_seen[new])
     visible[old] = visible[new]
+    together = replace(past, mean=mean, covariance=covariance, last_seen=last_seen, visible=visible)
+    return without(together, new)
+
+
+def without(past: Committed, gone: IntArray) -> Committed:
+    """Let go of the landmarks at these indices; what they taught about the others stays."""
+    kept = np.ones(len(past.ids), np.bool_)
+    kept[gone] = False
     at = np.concatenate([np.ones(6, np.bool_), np.repeat(kept, 2)])
     return Committed(
-        mean=mean[at],
-        covariance=covariance[np.ix_(at, at)],
+        mean=past.mean[at],
+        covariance=past.covariance[np.ix_(at, at)],
         ids=past.ids[kept],
         centres=past.centres[kept],
-        visible=visible[kept],
+        visible=past.visible[kept],
         first_seen=past.first_seen[kept],
-        last_seen=last_seen[kept],
+        last_seen=past.last_seen[kept],
     )
 
 
