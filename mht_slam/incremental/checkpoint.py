@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import zipfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -19,6 +18,7 @@ from mht_slam.incremental.branch import Branch, Window
 from mht_slam.incremental.config import SlamConfig
 from mht_slam.incremental.history import History
 from mht_slam.incremental.monitor import Monitor
+from mht_slam.incremental.motion_terms import N_PARAMETERS
 from mht_slam.incremental.past import Committed
 from mht_slam.incremental.steps import Step
 from mht_slam.models import ObservationModel
@@ -74,7 +74,7 @@ def write(
     arrays["history.poses"] = np.array(history.poses).reshape(-1, 3)
     arrays["history.kinds"] = np.array([step.kind for step in history.steps], np.int64)
     parameters = [step.parameters for step in history.steps]
-    arrays["history.motion"] = np.array(parameters).reshape(len(parameters), -1)
+    arrays["history.motion"] = np.array(parameters).reshape(-1, N_PARAMETERS)
     arrays[TOLD] = np.frombuffer(json.dumps(told).encode(), np.uint8)
     content = io.BytesIO()
     np.savez(content, allow_pickle=False, **arrays)
@@ -91,25 +91,30 @@ def write(
 
 def read(path: Path) -> Parts:
     """Read a checkpoint; raises `CheckpointError` for what is none, `OSError` for no file."""
+    content = io.BytesIO(path.read_bytes())
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with np.load(content, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         told = json.loads(arrays[TOLD].tobytes())
         if told["format"] != FORMAT:
             raise ValueError("another format")
-    except (ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as cause:
+        version = told["version"]
+    except Exception as cause:  # readers of archives raise whatever they stumble over
         raise CheckpointError(
             f"{path}: no checkpoint of mht-slam: give a file that save wrote"
         ) from cause
-    if told["version"] != VERSION:
+    if version != VERSION:
         raise CheckpointError(
-            f"{path}: version {told['version']} of the checkpoint, this is {VERSION}: start anew, "
+            f"{path}: version {version} of the checkpoint, this is {VERSION}: start anew, "
             "or go on with the release that wrote it"
         )
     try:
-        return _parts(arrays, told)
-    except (ValueError, KeyError, IndexError, TypeError, MhtSlamError) as cause:
-        raise CheckpointError(f"{path}: the checkpoint is damaged: {cause}") from cause
+        parts = _parts(arrays, told)
+        _refuse_misfits(parts)
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError, MhtSlamError) as cause:
+        reason = " ".join(str(cause).split())
+        raise CheckpointError(f"{path}: the checkpoint is damaged: {reason}") from cause
+    return parts
 
 
 def _parts(arrays: dict[str, Any], told: dict[str, Any]) -> Parts:
@@ -137,6 +142,52 @@ def _parts(arrays: dict[str, Any], told: dict[str, Any]) -> Parts:
         monitor=Monitor(**told["monitor"]),
         moved=told["moved"],
     )
+
+
+def _refuse_misfits(parts: Parts) -> None:
+    """Raise `ValueError` for arrays that do not fit each other: machine code does not ask."""
+    past, window, history = parts.past, parts.window, parts.history
+    n, s, w = len(past.ids), len(window.settled), len(window.bearings)
+    m = len(history.bearings)
+    lengths = [len(bearings) for bearings in window.bearings]
+    expected: list[tuple[str, Any, tuple[int, ...]]] = [
+        ("past", past.mean, (6 + 2 * n,)),
+        ("past", past.covariance, (6 + 2 * n, 6 + 2 * n)),
+        ("past", past.centres, (n, 2)),
+        *(("past", a, (n,)) for a in (past.visible, past.first_seen, past.last_seen)),
+        ("window", window.kinds, (w,)),
+        ("window", window.motion, (w, N_PARAMETERS)),
+        ("window", window.prior_mean, (6 + 2 * s,)),
+        ("window", window.prior_information, (6 + 2 * s, 6 + 2 * s)),
+        ("window", window.centres, (s, 2)),
+        ("window", np.array([len(sigmas) for sigmas in window.sigmas]), (w,)),
+        ("history", np.array(history.poses), (m - w, 3) if m > w else (0,)),
+        *(("history", np.empty(len(a)), (m,)) for a in (history.sigmas, history.times)),
+        ("history", np.empty(len(history.owners)), (m - w,)),
+    ]
+    sane = len(parts.branches) > 0 and isinstance(parts.moved, float | None)
+    sane &= [len(sigmas) for sigmas in window.sigmas] == lengths
+    for branch in parts.branches:
+        b, o = len(branch.ids), len(branch.sightings)
+        size = 3 * (w + 2) + 2 * b if w else 3
+        expected += [
+            ("branch", branch.centres, (b, 2)),
+            ("branch", branch.places, (b, 2)),
+            ("branch", branch.visible, (b,)),
+            ("branch", branch.sightings, (o, 2)),
+            ("branch", branch.bearings, (o,)),
+            ("branch", branch.sigmas, (o,)),
+            ("branch", branch.poses, (w + 2, 3)),
+            ("branch", branch.root, (size, size)),
+        ]
+        sane &= [len(owner) for owner in branch.owners] == lengths
+        sane &= not o or (branch.sightings.min() >= 0 and branch.sightings[:, 1].max() < b)
+        sane &= not o or branch.sightings[:, 0].max() < w + 2
+    for name, array, shape in expected:
+        if array.shape != shape:
+            raise ValueError(f"an array of the {name} has shape {array.shape}, not {shape}")
+    if not sane:
+        raise ValueError("its entries contradict each other")
 
 
 def _put(arrays: dict[str, Any], prefix: str, value: object) -> None:
