@@ -22,12 +22,16 @@ from mht_slam.incremental.config import SlamConfig
 from mht_slam.measurements import BearingScan
 
 if TYPE_CHECKING:
+    from mht_slam.cli.slam_run import Checkpoints
     from mht_slam.datasets.scan_stream import ScanStream
     from mht_slam.incremental.estimator import MultiHypothesisSlam
+    from mht_slam.plotting import FrameRecorder
 
 PIPE = Path("-")
 PIPE_NAME = Path("stdin")
 """What standard input is called in messages."""
+
+ANIMATION_FILE = "run.gif"
 
 
 @dataclass(frozen=True)
@@ -100,18 +104,21 @@ class Slam:
         """Read the scans as they come, tell what they mean, and leave the results."""
         del console  # results are lines for other programs
         from mht_slam.cli.slam_results import write_slam_results
-        from mht_slam.cli.slam_run import Checkpoints, SlamRun
+        from mht_slam.cli.slam_run import SlamRun
 
-        whole_number(self.every, "every", at_least=1)
+        checkpoints = self._checkpoints()
         slam, known = self._start()
-        checkpoints = None
-        if self.checkpoint is not None:
-            if not self.checkpoint.resolve().parent.is_dir():
-                raise OptionError(f"checkpoint: {self.checkpoint.parent} is no folder: make it")
-            checkpoints = Checkpoints(self.checkpoint, self.every)
+        recorder = self._recorder(slam.n_scans)
         name = PIPE_NAME if self.file == PIPE else self.file
-        # Taken before a progress bar may put something else in its place.
-        run = SlamRun(slam, known, name, sys.stdout, strict=self.strict, checkpoints=checkpoints)
+        run = SlamRun(
+            slam,
+            known,
+            name,
+            sys.stdout,  # taken before a progress bar may put something else in its place
+            strict=self.strict,
+            checkpoints=checkpoints,
+            watch=None if recorder is None else recorder.take,
+        )
         configuration = {
             "seed": None,
             "options": to_json(self),
@@ -127,6 +134,7 @@ class Slam:
                 raise ended or ScanFileError(f"{name}: no scan could be used: give at least one")
             try:
                 write_slam_results(folder, slam, run.records, run.rejected)
+                self._draw(folder, slam, recorder)
             except RuntimeError as cause:
                 raise NoEstimateError(
                     f"the run as a whole has no solution ({cause}): see the online trajectory in "
@@ -136,6 +144,43 @@ class Slam:
             sys.stderr.write(f"{_summary(slam, run.rejected.total())}\nResults: {folder}\n")
         if ended is not None:
             raise ended
+
+    def _checkpoints(self) -> Checkpoints | None:
+        from mht_slam.cli.slam_run import Checkpoints
+
+        whole_number(self.every, "every", at_least=1)
+        if self.checkpoint is None:
+            return None
+        if not self.checkpoint.resolve().parent.is_dir():
+            raise OptionError(f"checkpoint: {self.checkpoint.parent} is no folder: make it")
+        return Checkpoints(self.checkpoint, self.every)
+
+    def _recorder(self, resumed_at: int) -> FrameRecorder | None:
+        """Return what takes the animation's frames, and keeps them beside the checkpoint."""
+        if not self.animate:
+            return None
+        from mht_slam.plotting import FrameRecorder
+
+        if self.checkpoint is None:
+            return FrameRecorder()
+        log = self.checkpoint.with_name(f"{self.checkpoint.name}.frames.jsonl")
+        return FrameRecorder(log, resumed_at)
+
+    def _draw(
+        self, folder: Path, slam: MultiHypothesisSlam, recorder: FrameRecorder | None
+    ) -> None:
+        from mht_slam.plotting import slam_map_figure
+
+        slam_map_figure(slam).savefig(folder / f"map.{self.output.figure_format}", dpi=150)
+        if recorder is not None and recorder.frames:
+            from matplotlib.animation import PillowWriter
+
+            from mht_slam.plotting import slam_animation
+            from mht_slam.plotting.slam_animation import FRAMES_PER_SECOND
+
+            unit = slam.posterior.unit
+            animation = slam_animation(recorder.frames, slam.online_trajectory, unit)
+            animation.save(folder / ANIMATION_FILE, PillowWriter(FRAMES_PER_SECOND), dpi=80)
 
     def _start(self) -> tuple[MultiHypothesisSlam, list[BearingScan]]:
         """Return the estimator, and the scans that it has."""
