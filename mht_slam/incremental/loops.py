@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -27,6 +28,8 @@ MOST_SEEDS = 2000
 """Alignments of two landmarks with two old ones that are counted out."""
 MOST_TRIED = 24
 """Alignments, those under which most landmarks meet, that are weighed."""
+MOST_ALIKE = 4
+"""How many of them may take the new landmarks to about the same place."""
 FEWEST = 4
 """Landmarks that have to be recognised together."""
 
@@ -201,7 +204,19 @@ def _seeds(
         sine[:, None] * x + cosine[:, None] * y + end[:, None, 1] - b[None, :, 1],
     )
     votes = (x * x + y * y <= (GATE * FLOOR * spacing) ** 2).sum(axis=1)
-    best = np.argsort(-votes, kind="stable")[:MOST_TRIED]
+    # Many seeds are one alignment: without a limit they would crowd out those that disagree.
+    away = a.mean(axis=0) - start
+    middle = np.stack(
+        [cosine * away[:, 0] - sine * away[:, 1], sine * away[:, 0] + cosine * away[:, 1]]
+    )
+    places = np.rint((middle.T + end) / (0.5 * spacing)).astype(np.int64)
+    tried: Counter[tuple[int, ...]] = Counter()
+    best: list[int] = []
+    for k in np.argsort(-votes, kind="stable").tolist():
+        place = tuple(places[k].tolist())
+        if tried[place] < MOST_ALIKE and len(best) < MOST_TRIED:
+            tried[place] += 1
+            best.append(k)
     return list(zip(i[best].tolist(), j[best].tolist(), strict=True))
 
 
