@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from mht_slam.arrays import FloatArray
 from mht_slam.errors import NoEstimateError
 from mht_slam.plotting.slam_frames import MOST_ALTERNATIVES, SlamFrame
-from mht_slam.plotting.slam_map import ALTERNATIVE_TONE, FARTHEST
+from mht_slam.plotting.slam_map import AHEAD, ALTERNATIVE_TONE, FARTHEST
 from mht_slam.plotting.style import CHOSEN_TONE, INK, set_window
 
 FRAMES_PER_SECOND = 10
@@ -35,7 +35,9 @@ def slam_animation(
     axes = figure.subplots()
     bounds = [(*point, *point) for frame in frames for point in frame.settled.tolist()]
     newest = np.concatenate([frame.poses[0][:, :2] for frame in frames])
-    set_window(axes, np.concatenate([online_trajectory[:, :2], newest]), bounds, reach=FARTHEST)
+    set_window(
+        axes, np.concatenate([online_trajectory[:, :2], newest, AHEAD]), bounds, reach=FARTHEST
+    )
     axes.set_xlabel(f"forward of the first pose, {unit}s")
     axes.set_ylabel(f"left of it, {unit}s")
     title = axes.set_title(_title(frames[-1]))

@@ -23,6 +23,8 @@ ALTERNATIVE_TONE = "#e0a860"
 FARTHEST = 1.0
 """Extents of the path, on either side of it, that the window follows landmarks to."""
 MOST_LABELS = 40
+AHEAD = np.array([[0.0, 0.0], [1.0, 0.0]])
+"""In view at any rate: a robot that has not moved has a path without extent."""
 
 
 def slam_map_figure(slam: MultiHypothesisSlam) -> Figure:
@@ -41,7 +43,7 @@ def slam_map_figure(slam: MultiHypothesisSlam) -> Figure:
     axes = figure.subplots()
     sure = np.flatnonzero(confirmed).tolist()
     bounds = [(*point, *point) for point in landmarks.points[confirmed].tolist()]
-    set_window(axes, path[:, :2], bounds, reach=FARTHEST)
+    set_window(axes, np.concatenate([path[:, :2], AHEAD]), bounds, reach=FARTHEST)
     for i in sure:
         draw_ellipse(
             axes, landmarks.points[i], covariances[i], fill=False, edgecolor=CHOSEN_TONE, zorder=2
