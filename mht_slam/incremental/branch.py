@@ -13,6 +13,9 @@ from mht_slam.association import MISSED
 from mht_slam.incremental.past import Committed, places_of, points_of
 from mht_slam.incremental.smoother import inverse_root, smooth_window
 
+NO_OPTIMUM = -1e6
+"""Log evidence of a branch that could not be solved: finite, so that such ones still compare."""
+
 
 @dataclass(frozen=True, eq=False)
 class Window:
@@ -143,6 +146,12 @@ def solved(
     if not usable:
         return None
     return replace(branch, poses=poses, places=places, log_evidence=log_evidence, root=root)
+
+
+def unsolved(branch: Branch) -> Branch:
+    """Return a branch that has no optimum as it stands: unsure, and behind any that has one."""
+    size = 3 * len(branch.poses) + 2 * len(branch.ids)
+    return replace(branch, log_evidence=NO_OPTIMUM, root=np.eye(size))
 
 
 def extended(

@@ -23,6 +23,7 @@ from mht_slam.incremental.branch import (
     empty_branch,
     rearranged,
     solved,
+    unsolved,
 )
 from mht_slam.incremental.config import SlamConfig
 from mht_slam.incremental.history import History, SeenApart, association_of
@@ -298,7 +299,7 @@ class MultiHypothesisSlam:
             owners=(np.full(len(scan), MISSED, np.int64),),
             poses=np.concatenate([branch.poses, np.zeros((1, 3))]),
         )
-        return self._solved(alone) or alone
+        return self._solved(alone) or unsolved(alone)
 
     def _solved(self, branch: Branch) -> Branch | None:
         sigma = self.config.observation_model.landmark_sigma
@@ -323,7 +324,7 @@ class MultiHypothesisSlam:
                 alone = associate.child(
                     associate.nothing_matched(prediction), window, config, weights
                 )
-                children[alone.key] = self._solved(alone) or replace(alone, log_evidence=-math.inf)
+                children[alone.key] = self._solved(alone) or unsolved(alone)
         self._branches = self._kept(children.values())
 
     def _kept(self, branches: Iterable[Branch]) -> tuple[Branch, ...]:
@@ -373,7 +374,7 @@ class MultiHypothesisSlam:
         renewed = [rearranged(branch, self._window, self._past) for branch in agreeing]
         found = [self._solved(branch) for branch in renewed]
         usable = [branch for branch in found if branch is not None]
-        self._branches = self._kept(usable or renewed)
+        self._branches = self._kept(usable or map(unsolved, renewed))
 
     def _with_oldest_scan(self, best: Branch) -> Committed:
         window, past = self._window, self._past

@@ -161,10 +161,11 @@ def propose(step: Step, poses: FloatArray) -> Proposals:
     length = lengths[change]
     motions = np.stack([length * np.cos(direction), length * np.sin(direction), turn], axis=-1)
     away = turn + here[2] if step.kind == STRAIGHT else turn
+    aside = direction / p[1] if step.kind == FREE else np.zeros_like(direction)
     along = p[2] * (float(changes[1] - changes[0]) / 2.0 if len(changes) > 1 else 1.0)
     return Proposals(
         motions=motions.reshape(-1, 3),
-        log_prior=(-0.5 * (away / spread) ** 2 - 0.5 * changes[change] ** 2).ravel(),
+        log_prior=-0.5 * ((away / spread) ** 2 + aside**2 + changes[change] ** 2).ravel(),
         turn_spread=float(turns[1] - turns[0]) / 2.0,
         side_spreads=(length * math.hypot(drift, along)).ravel(),
     )
