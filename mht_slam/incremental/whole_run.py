@@ -121,6 +121,8 @@ def _poses(values: gtsam.Values, count: int) -> FloatArray:
 
 def _step_factors(steps: Sequence[Step], poses: FloatArray) -> list[gtsam.NonlinearFactor]:
     """Return the motion factors, log-normal step priors linearised about (m, 3) poses."""
+    if not steps:
+        return []
     noise = gtsam.noiseModel.Isotropic.Sigma(3, FRAME_SIGMA)
     result: list[gtsam.NonlinearFactor] = [gtsam.PriorFactorPose2(X(0), gtsam.Pose2(), noise)]
     for k in range(1, len(steps)):
