@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from mht_slam.cli.slam_run import Checkpoints
     from mht_slam.datasets.scan_stream import ScanStream
     from mht_slam.incremental.estimator import MultiHypothesisSlam
-    from mht_slam.plotting import FrameRecorder
+    from mht_slam.plotting import FrameRecorder, RerunView
 
 PIPE = Path("-")
 PIPE_NAME = Path("stdin")
@@ -98,6 +98,10 @@ class Slam:
     made it is passed over as far as the checkpoint goes; others are taken for what comes after."""
     animate: bool = False
     """Also draw how map, path and alternatives came about (run.gif)."""
+    rerun: bool = False
+    """Watch the run in a window of the rerun viewer (pip install 'mht-slam[rerun]')."""
+    rerun_file: Path | None = None
+    """Write what it would show to this file (.rrd)."""
     output: Output = field(default_factory=OutputOptions)
 
     def run(self, console: Console) -> None:
@@ -108,7 +112,7 @@ class Slam:
 
         checkpoints = self._checkpoints()
         slam, known = self._start()
-        recorder = self._recorder(slam.n_scans)
+        recorder, view = self._recorder(slam.n_scans), self._view()
         name = PIPE_NAME if self.file == PIPE else self.file
         run = SlamRun(
             slam,
@@ -117,7 +121,7 @@ class Slam:
             sys.stdout,  # taken before a progress bar may put something else in its place
             strict=self.strict,
             checkpoints=checkpoints,
-            watch=None if recorder is None else recorder.take,
+            watch=_watchers(recorder, view),
         )
         configuration = {
             "seed": None,
@@ -130,6 +134,8 @@ class Slam:
         ):
             with self._progress() as progress:
                 ended = run.follow(stream, progress)
+            if view is not None:
+                view.close()
             if not slam.n_scans:
                 raise ended or ScanFileError(f"{name}: no scan could be used: give at least one")
             try:
@@ -165,6 +171,15 @@ class Slam:
             return FrameRecorder()
         log = self.checkpoint.with_name(f"{self.checkpoint.name}.frames.jsonl")
         return FrameRecorder(log, resumed_at)
+
+    def _view(self) -> RerunView | None:
+        if not self.rerun and self.rerun_file is None:
+            return None
+        if self.rerun and self.rerun_file is not None:
+            raise OptionError("rerun and rerun_file are given: give one of them")
+        from mht_slam.plotting import RerunView
+
+        return RerunView(self.rerun_file)
 
     def _draw(
         self, folder: Path, slam: MultiHypothesisSlam, recorder: FrameRecorder | None
@@ -225,6 +240,23 @@ class Slam:
             total = sum(1 for _ in file)
         with progress_bar("estimating") as progress:
             yield lambda line: progress(line, total)
+
+
+def _watchers(
+    recorder: FrameRecorder | None, view: RerunView | None
+) -> Callable[[MultiHypothesisSlam], None] | None:
+    """Return what looks at the estimator after every scan."""
+    if recorder is None and view is None:
+        return None
+    from mht_slam.plotting.slam_frames import frame_of
+
+    def watch(slam: MultiHypothesisSlam) -> None:
+        if recorder is not None:
+            recorder.take(slam)
+        if view is not None and len(slam.posterior):
+            view.show(frame_of(slam))
+
+    return watch
 
 
 def _summary(slam: MultiHypothesisSlam, rejected: int) -> str:

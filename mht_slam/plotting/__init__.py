@@ -12,6 +12,7 @@ from mht_slam.plotting.score_comparison import comparison_figure as comparison_f
 from mht_slam.plotting.slam_animation import slam_animation as slam_animation
 from mht_slam.plotting.slam_frames import FrameRecorder as FrameRecorder
 from mht_slam.plotting.slam_map import slam_map_figure as slam_map_figure
+from mht_slam.plotting.slam_rerun import RerunView as RerunView
 from mht_slam.plotting.tracks import tracks_figure as tracks_figure
 from mht_slam.plotting.zones import order_changes_figure as order_changes_figure
 from mht_slam.plotting.zones import zones_figure as zones_figure
