@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -14,12 +14,20 @@ from mht_slam.arrays import BoolArray, FloatArray
 from mht_slam.association import MISSED
 from mht_slam.incremental.branch import Branch, Window, extended
 from mht_slam.incremental.config import SlamConfig
-from mht_slam.incremental.prediction import best_rows, match_gains, pair_gains, relative_landmarks
+from mht_slam.incremental.prediction import (
+    best_choices,
+    bounds_of,
+    match_gains,
+    pair_gains,
+    relative_landmarks,
+)
 from mht_slam.incremental.steps import Proposals, Step, propose
-from mht_slam.matchings import Matches, best_matching, ranked_matchings
+from mht_slam.matchings import Matches, ranked_matchings
 
 CERTAIN = 1.0 - 1e-9
 """The greatest chance of a detection: misses stay possible."""
+MOST_NODES = 2000
+"""Steps of the depth-first search for the best matchings before Murty's ranking takes over."""
 NEAREST = 0.3
 """Range tried for a landmark seen once, in lengths of the model."""
 
@@ -211,36 +219,25 @@ def predict(
     )
 
 
-def _options(prediction: Prediction, config: SlamConfig, floor: Floor) -> list[Option]:
+def _options(
+    prediction: Prediction, bounds: FloatArray, config: SlamConfig, floor: Floor
+) -> list[Option]:
     """Return the children of a branch that may be worth solving, in no order.
 
-    Given the pose, matches are independent but for sharing: each proposal's best matching is a
-    linear assignment, and at the best few proposals Murty's ranking gives the next ones. A matching
-    that several proposals find counts once, where it does best.
+    Given the pose, matches are independent but for sharing: at each proposal the best matching is
+    sought, at the best few of them also the next ones. A matching that several proposals find
+    counts once, where it does best.
     """
-    table, offsets = prediction.table, prediction.offsets
-    bounds, reached = best_rows(table, offsets)
     best: dict[Matches, tuple[float, int]] = {}
     for rank, g in enumerate(np.argsort(-bounds, kind="stable").tolist()):
         if bounds[g] < floor.value:
             break
-        gains = np.maximum(table[g], 0.0)
-        rows = np.flatnonzero(gains.any(axis=1))
-        part = gains[rows]
-        found: Iterable[tuple[Matches, float]]
-        if rank < config.ranked and len(rows):
-            found = islice(ranked_matchings(part), config.depth)
-        elif reached[g]:
-            taken = np.flatnonzero(part.any(axis=0)).tolist()
-            pairs = sorted((int(part[:, d].argmax()), d) for d in taken)
-            found = [(tuple(pairs), float(bounds[g] - offsets[g]))]
-        else:
-            found = [best_matching(part)]
-        for matches, gain in found:
-            score = float(offsets[g]) + gain
+        offset = float(prediction.offsets[g])
+        depth = config.depth if rank < config.ranked else 1
+        for named, gain in _best_matchings(prediction.table[g], depth, floor.value - offset):
+            score = offset + gain
             if score < floor.value:
                 break
-            named = tuple((int(rows[r]), d) for r, d in matches)
             if named not in best:
                 floor.raise_by(score)
                 best[named] = score, g
@@ -249,14 +246,28 @@ def _options(prediction: Prediction, config: SlamConfig, floor: Floor) -> list[O
     return [Option(score, prediction, named, g) for named, (score, g) in best.items()]
 
 
+def _best_matchings(gains: FloatArray, depth: int, floor: float) -> Iterator[tuple[Matches, float]]:
+    """Yield the best matchings with their gains, by Murty's ranking where there is much choice."""
+    count, totals, rows = best_choices(gains, depth, floor, MOST_NODES)
+    if count < 0:
+        positive = np.maximum(gains, 0.0)
+        some = np.flatnonzero(positive.any(axis=1))
+        for matches, gain in islice(ranked_matchings(positive[some]), depth):
+            yield tuple((int(some[r]), d) for r, d in matches), gain
+        return
+    for total, chosen in zip(totals[:count].tolist(), rows[:count].tolist(), strict=True):
+        yield tuple(sorted((r, d) for d, r in enumerate(chosen) if r >= 0)), total
+
+
 def best_options(predictions: Sequence[Prediction], config: SlamConfig) -> list[Option]:
     """Return the children of all branches that may be worth solving, the most promising first."""
-    bounds = [float(best_rows(p.table, p.offsets)[0].max(initial=-math.inf)) for p in predictions]
+    bounds = [bounds_of(p.table, p.offsets) for p in predictions]
+    greatest = np.array([b.max(initial=-math.inf) for b in bounds])
     found: list[Option] = []
     floor = Floor(2 * config.hypotheses, config.drop)
-    for i in np.argsort(-np.array(bounds), kind="stable").tolist():
-        if bounds[i] >= floor.value:
-            found += _options(predictions[i], config, floor)
+    for i in np.argsort(-greatest, kind="stable").tolist():
+        if greatest[i] >= floor.value:
+            found += _options(predictions[i], bounds[i], config, floor)
     found.sort(key=lambda option: (-option.log_score, option.matches))
     return [option for option in found if option.log_score >= floor.value]
 

@@ -48,8 +48,9 @@ class SlamConfig:
     """Range beyond which no detection is expected, in the model's unit; None: any range."""
     settled: float = 0.3
     """Deviation of its log range below which a landmark enters the committed map."""
-    active: int = 40
-    """Landmarks of the committed map that a scan may see: the nearest ones."""
+    active: int = 15
+    """Landmarks of the committed map, besides those of the open scans, that the next scan may see:
+    the nearest ones."""
     most_landmarks: int = 1000
     """Landmarks of the committed map; beyond, those unseen for longest are let go. Their detections
     stay in the association, and their places in the smoothed map."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -40,7 +40,7 @@ from mht_slam.incremental.past import (
     recentred,
     without,
 )
-from mht_slam.incremental.slam_map import SlamMap
+from mht_slam.incremental.slam_map import CONFIRMED, SlamMap
 from mht_slam.incremental.steps import Step, frame_step, next_step
 from mht_slam.incremental.whole_run import WholeRun, smooth_whole_run
 from mht_slam.measurements import BearingScan
@@ -239,6 +239,14 @@ class MultiHypothesisSlam:
         """The settled past: two poses and all landmarks of the map, with their covariance."""
         return self._past
 
+    def log_arrays(self) -> Iterator[FloatArray | IntArray]:
+        """Yield the arrays of the append-only log: all that grows with the run."""
+        history = self._history
+        for part in (history.bearings, history.sigmas, history.owners, history.poses):
+            yield from part
+        for step in history.steps:
+            yield step.parameters
+
     def save(self, path: str | Path) -> None:
         """Write everything to a file, from which `load` goes on to the same results.
 
@@ -402,16 +410,23 @@ class MultiHypothesisSlam:
             self._dof,
             window.first,
         )
-        committed = recentred(committed, KNOWN_LOG_RANGE)
-        too_many = len(committed.ids) - self.config.most_landmarks
-        if too_many > 0:
-            # Those of the open scans stay, however few are allowed.
-            unseen = np.flatnonzero(committed.last_seen < window.first - self.config.lag)
-            oldest_first = unseen[np.argsort(committed.last_seen[unseen], kind="stable")]
-            open_ones = {n for b in self._branches for o in b.owners for n in o.tolist()}
-            gone = [i for i in oldest_first.tolist() if int(committed.ids[i]) not in open_ones]
-            committed = without(committed, np.array(gone[:too_many], np.int64))
-        return committed
+        return self._tidied(recentred(committed, KNOWN_LOG_RANGE))
+
+    def _tidied(self, past: Committed) -> Committed:
+        """Let go of landmarks that were false alarms, and of the oldest where there are too many.
+
+        Two false alarms that met once are not seen again. Landmarks of the open scans stay.
+        """
+        config, scan = self.config, self._window.first
+        open_ones = {n for b in self._branches for owner in b.owners for n in owner.tolist()}
+        closed = ~np.isin(past.ids, np.array(sorted(open_ones), np.int64))
+        unseen = closed & (past.last_seen < scan - config.lag)
+        doubtful = unseen & (past.sightings < CONFIRMED)
+        gone = doubtful & (past.last_seen < scan - config.loop_scans)
+        oldest_first = np.argsort(np.where(unseen & ~gone, past.last_seen, scan + 1), kind="stable")
+        too_many = max(0, len(past.ids) - int(gone.sum()) - config.most_landmarks)
+        gone[oldest_first[: min(too_many, int((unseen & ~gone).sum()))]] = True
+        return without(past, np.flatnonzero(gone)) if gone.any() else past
 
     def _loops_closed(self, branches: list[Branch]) -> list[Branch]:
         config, scan = self.config, self._window.first
@@ -455,7 +470,7 @@ class MultiHypothesisSlam:
             unsure = inflation * past.deviations_from_robot() > config.familiar * spacing
             away[out_of_sight & unsure] = np.inf
         away[np.isin(past.ids, np.array(sorted(seen), np.int64))] = -1.0
-        count = min(max(config.active, int((away < 0).sum())), int(np.isfinite(away).sum()))
+        count = min(config.active + int((away < 0).sum()), int(np.isfinite(away).sum()))
         return np.sort(np.argsort(away, kind="stable")[:count])
 
     def _owners(self) -> list[IntArray]:

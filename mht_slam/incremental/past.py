@@ -33,6 +33,7 @@ class Committed:
     centres : (n, 2).
     visible : (n,) chance that a landmark out of the window is in view.
     first_seen, last_seen : (n,) scans.
+    sightings : (n,) how many committed scans saw it.
     """
 
     mean: FloatArray
@@ -42,6 +43,7 @@ class Committed:
     visible: FloatArray
     first_seen: IntArray
     last_seen: IntArray
+    sightings: IntArray
 
     @property
     def places(self) -> FloatArray:
@@ -102,6 +104,7 @@ def nothing_committed(heading_sigma: float) -> Committed:
         visible=np.empty(0),
         first_seen=np.empty(0, np.int64),
         last_seen=np.empty(0, np.int64),
+        sightings=np.empty(0, np.int64),
     )
 
 
@@ -178,7 +181,16 @@ def merged(past: Committed, new: IntArray, old: IntArray, sigma: float) -> Commi
     last_seen, visible = past.last_seen.copy(), past.visible.copy()
     last_seen[old] = np.maximum(last_seen[old], last_seen[new])
     visible[old] = visible[new]
-    together = replace(past, mean=mean, covariance=covariance, last_seen=last_seen, visible=visible)
+    sightings = past.sightings.copy()
+    sightings[old] += sightings[new]
+    together = replace(
+        past,
+        mean=mean,
+        covariance=covariance,
+        last_seen=last_seen,
+        visible=visible,
+        sightings=sightings,
+    )
     return without(together, new)
 
 
@@ -195,6 +207,7 @@ def without(past: Committed, gone: IntArray) -> Committed:
         visible=past.visible[kept],
         first_seen=past.first_seen[kept],
         last_seen=past.last_seen[kept],
+        sightings=past.sightings[kept],
     )
 
 
@@ -229,6 +242,8 @@ def commit(
     mean, covariance = _updated(mean, wide, rows, poses[2], sighted, dof)
     last_seen = np.concatenate([past.last_seen, np.full(len(new), scan)])
     last_seen[rows] = scan
+    sightings = np.concatenate([past.sightings, np.zeros(len(new), np.int64)])
+    sightings[rows] += 1
     return Committed(
         mean=mean,
         covariance=covariance,
@@ -237,6 +252,7 @@ def commit(
         visible=np.concatenate([past.visible, np.ones(len(new))]),
         first_seen=np.concatenate([past.first_seen, np.full(len(new), scan)]),
         last_seen=last_seen,
+        sightings=sightings,
     )
 
 

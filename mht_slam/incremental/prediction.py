@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from mht_slam.arrays import BoolArray, FloatArray
+from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.compiled import compiled
 from mht_slam.incremental.motion_terms import wrapped
 from mht_slam.incremental.smoother import inverse_root
@@ -200,26 +200,106 @@ def pair_gains(
 
 
 @compiled
-def best_rows(table: FloatArray, offsets: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Bound, for every proposal, what its best matching gains; and say whether that is reached.
+def bounds_of(table: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Bound, for every proposal, what its best matching scores.
 
-    The bound lets every detection take the row that gains most; where no two take the same row it
-    is the best matching itself.
+    Every detection takes the row that gains most, whether another takes it too or not.
     """
     n_proposals, n_rows, n_detections = table.shape
-    bounds, reached = np.empty(n_proposals), np.ones(n_proposals, np.bool_)
-    taken = np.empty(n_rows, np.int64)
+    bounds = offsets.copy()
     for g in range(n_proposals):
-        bounds[g] = offsets[g]
-        taken[:] = 0
         for d in range(n_detections):
-            best, row = 0.0, -1
+            best = 0.0
             for r in range(n_rows):
-                if table[g, r, d] > best:
-                    best, row = table[g, r, d], r
+                best = max(best, table[g, r, d])
             bounds[g] += best
-            if row >= 0:
-                taken[row] += 1
-                if taken[row] > 1:
-                    reached[g] = False
-    return bounds, reached
+    return bounds
+
+
+@compiled
+def best_choices(
+    gains: FloatArray, depth: int, floor: float, most_nodes: int
+) -> tuple[int, FloatArray, IntArray]:
+    """Find the `depth` best matchings of d detections whose gain is at least `floor`.
+
+    Depth first over the detections, each of which takes a free row of positive gain or none, and
+    never where even the best rows for the rest would fall short. Exact, and quick while a detection
+    has few rows to choose from, which gating makes the normal case.
+
+    Parameters
+    ----------
+    gains : (r, d); what is not positive is no match.
+    most_nodes : steps after which it gives up.
+
+    Returns
+    -------
+    count : matchings found; -1 where it gave up.
+    totals, rows : (depth,) gains in falling order, and (depth, d) rows, -1 for none; the first
+        `count` mean something.
+    """
+    n_rows, n_detections = gains.shape
+    totals, rows = np.full(depth, -math.inf), np.full((depth, n_detections), -1, np.int64)
+    order = np.full((n_detections, n_rows + 1), -1, np.int64)
+    options = np.zeros(n_detections, np.int64)
+    rest = np.zeros(n_detections + 1)
+    for d in range(n_detections - 1, -1, -1):
+        for r in range(n_rows):
+            if gains[r, d] > 0.0:
+                at = options[d]
+                while at > 0 and gains[order[d, at - 1], d] < gains[r, d]:
+                    order[d, at] = order[d, at - 1]
+                    at -= 1
+                order[d, at] = r
+                options[d] += 1
+        order[d, options[d]] = -1  # none, the last choice
+        rest[d] = rest[d + 1] + (gains[order[d, 0], d] if options[d] else 0.0)
+    taken = np.zeros(n_rows, np.bool_)
+    choice, tried = np.full(n_detections, -1, np.int64), np.zeros(n_detections, np.int64)
+    so_far = np.zeros(n_detections + 1)
+    count, d, nodes = 0, 0, 0
+    while d >= 0:
+        nodes += 1
+        if nodes > most_nodes:
+            return -1, totals, rows
+        least = max(floor, totals[depth - 1])
+        if d == n_detections:
+            total = so_far[d]
+            if total >= floor and total > totals[depth - 1]:
+                at = depth - 1
+                while at > 0 and totals[at - 1] < total:
+                    totals[at] = totals[at - 1]
+                    rows[at] = rows[at - 1]
+                    at -= 1
+                totals[at] = total
+                rows[at] = choice
+                count = min(count + 1, depth)
+            d -= 1
+            continue
+        if choice[d] >= 0:
+            taken[choice[d]] = False
+            choice[d] = -1
+        moved_on = False
+        while tried[d] <= options[d]:
+            r = order[d, tried[d]]
+            tried[d] += 1
+            gain = gains[r, d] if r >= 0 else 0.0
+            if so_far[d] + gain + rest[d + 1] < least:
+                tried[d] = options[d] + 1  # the other rows gain even less
+                break
+            if r >= 0 and taken[r]:
+                continue
+            choice[d] = r
+            if r >= 0:
+                taken[r] = True
+            so_far[d + 1] = so_far[d] + gain
+            moved_on = True
+            break
+        if moved_on:
+            d += 1
+            if d < n_detections:
+                tried[d] = 0
+                choice[d] = -1
+        else:
+            tried[d] = 0
+            d -= 1
+    return count, totals, rows

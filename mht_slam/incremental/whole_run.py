@@ -16,6 +16,9 @@ from mht_slam.association import MISSED
 from mht_slam.incremental.motion_terms import FREE, ODOMETRY, RESTART, SMOOTH, STILL, STRAIGHT
 from mht_slam.incremental.steps import FRAME_SIGMA, Step
 
+WIDER = 10.0
+"""By how much the landmark prior is widened here: as it is, hundreds of landmarks together would
+pull the trajectory small, and one that is seen twice needs a prior only against running away."""
 MAX_ROUNDS = 4
 """Times that the priors over step lengths are linearised again."""
 SETTLED = 1e-3
@@ -65,8 +68,8 @@ def smooth_whole_run(
     poses, points : where to start, (m, 3) and by landmark.
     dof, landmark_sigma : of the observation model.
 
-    Landmarks have the same weak prior as in the open window, about the place from which they were
-    first seen: nothing else bounds those without parallax. Raises `RuntimeError` of GTSAM where the
+    Landmarks have a weak prior about the place from which they were first seen: nothing else bounds
+    those without parallax. Raises `RuntimeError` of GTSAM where the
     graph has no solution.
     """
     rows: dict[int, list[tuple[int, int]]] = {}
@@ -87,7 +90,7 @@ def smooth_whole_run(
             start = first[:2] + landmark_sigma * np.array([math.cos(angle), math.sin(angle)])
         values.insert(L(i), start)
         centre = (float(first[0]), float(first[1]))
-        fixed.push_back(factors.landmark_prior(L(i), centre, landmark_sigma))
+        fixed.push_back(factors.landmark_prior(L(i), centre, WIDER * landmark_sigma))
         for scan, detection in row:
             bearing, sigma = float(bearings[scan][detection]), float(sigmas[scan][detection])
             fixed.push_back(factors.bearing(X(scan), L(i), bearing, sigma, dof))

@@ -44,6 +44,7 @@ def past_of(old: FloatArray, new: FloatArray, drift_sigmas: FloatArray, noise: f
         visible=np.ones(n),
         first_seen=scan,
         last_seen=scan + 5,
+        sightings=np.full(len(scan), 5),
     )
 
 

@@ -44,6 +44,7 @@ def past_of(rng: np.random.Generator, n: int, spread: float = 0.1) -> Committed:
         visible=rng.uniform(0.1, 1.0, n),
         first_seen=np.arange(n),
         last_seen=np.arange(n) + 3,
+        sightings=np.full(n, 4),
     )
 
 

@@ -1,0 +1,187 @@
+"""What a scan costs the incremental estimator: against ISAM2, and over a long run.
+
+    python benchmarks/incremental/cost.py [--output DIR] [--scans N] [--skip-recording]
+
+Two measurements, both to be made on an otherwise idle machine:
+
+- on windows of 100 scans of the DLR recording, time per scan with K hypotheses over the time that
+  ISAM2 takes to update the graph of the known association with the same scan, in the same run;
+- on round after round in a simulated yard, time per scan and memory over the length of the run.
+
+Rows, summary and figure go to the output folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import sys
+import time
+import tracemalloc
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+import mht_slam as ms
+from mht_slam.datasets import Drive, dlr_drive, windows
+from mht_slam.errors import RecordingNotFoundError
+from mht_slam.evaluation.known_association import DriveGraph
+from mht_slam.models import ObservationModel
+from mht_slam.simulation import OdometryNoise, simulate_drive
+
+CAMERA = ObservationModel(
+    sigma=math.radians(0.25),
+    bearing_dof=4.0,
+    motion="odometry",
+    landmark_sigma=5.0,
+    detection_probability=0.9,
+    false_alarm_rate=0.07,
+    expected_landmarks=8.0,
+    stay_probability=0.9,
+    field_of_view=math.radians(110.0),
+)
+YARD = ObservationModel(
+    sigma=math.radians(0.5),
+    motion="odometry",
+    landmark_sigma=15.0,
+    detection_probability=0.9,
+    false_alarm_rate=0.06,
+    expected_landmarks=8.0,
+    stay_probability=0.97,
+)
+HYPOTHESES = (1, 2, 5, 10, 20)
+LEFT_OUT = 20
+"""First scans of a window, while it fills, that are not timed."""
+SCANS_PER_ROUND = 100
+BIN = 100
+"""Scans of a point of the figure."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, and write rows, summary and figure."""
+    options = _parse(arguments)
+    options.output.mkdir(parents=True, exist_ok=True)
+    lines = []
+    if not options.skip_recording:
+        try:
+            lines += list(_against_isam2(options.output))
+        except RecordingNotFoundError as error:
+            print(f"cost: {error}", file=sys.stderr)
+            return 2
+    lines += list(_long_run(options.output, options.scans))
+    (options.output / "summary.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print("\n".join(lines))
+    return 0
+
+
+def seconds_per_scan(drive: Drive, config: ms.SlamConfig) -> list[float]:
+    """Return the time of each update."""
+    slam = ms.MultiHypothesisSlam(config)
+    seconds = []
+    for scan in drive.scans:
+        start = time.perf_counter()
+        slam.update(scan)
+        seconds.append(time.perf_counter() - start)
+    return seconds
+
+
+def _against_isam2(output: Path) -> Iterator[str]:
+    rows = []
+    drives = windows(dlr_drive(), 100)[::4]
+    seconds_per_scan(drives[0], ms.SlamConfig(model=CAMERA))  # compiled before it is timed
+    for drive in drives:
+        graph = DriveGraph(replace(CAMERA, landmark_sigma=30.0))
+        for scan, landmarks in zip(drive.scans, drive.truth().landmark_of_detection(), strict=True):
+            graph.update(scan, landmarks)
+        isam2 = np.median(graph.update_seconds[LEFT_OUT:])
+        for count in HYPOTHESES:
+            config = ms.SlamConfig(model=CAMERA, hypotheses=count)
+            ours = np.median(seconds_per_scan(drive, config)[LEFT_OUT:])
+            rows.append((drive.name, count, isam2, ours, ours / isam2))
+    with (output / "against_isam2.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["drive", "hypotheses", "isam2_seconds", "seconds", "ratio"])
+        table.writerows(rows)
+    yield "| hypotheses K | time per scan / ISAM2 update, median of windows | per hypothesis |"
+    yield "|---|---|---|"
+    for count in HYPOTHESES:
+        ratios = [row[4] for row in rows if row[1] == count]
+        ratio = float(np.median(ratios))
+        between = f"{min(ratios):.1f} to {max(ratios):.1f}"
+        yield f"| {count} | {ratio:.1f} ({between}) | {ratio / count:.1f} |"
+    yield ""
+
+
+def _long_run(output: Path, n_scans: int) -> Iterator[str]:
+    drive = simulate_drive(
+        "loop",
+        30,
+        n_scans,
+        np.random.default_rng(0),
+        sigma=YARD.sigma,
+        odometry=OdometryNoise(),
+        rounds=max(1.0, n_scans / SCANS_PER_ROUND),
+    )
+    slam = ms.MultiHypothesisSlam(ms.SlamConfig(model=YARD))
+    seconds, held, landmarks = [], [], []
+    tracemalloc.start()
+    for scan in drive.scans:
+        start = time.perf_counter()
+        slam.update(scan)
+        seconds.append(time.perf_counter() - start)
+        if len(seconds) % BIN == 0:
+            log = sum(part.nbytes for part in slam.log_arrays())
+            held.append(tracemalloc.get_traced_memory()[0] - log)
+            landmarks.append(len(slam.committed.ids))
+    tracemalloc.stop()
+    quarter = len(seconds) // 4
+    ratio = float(np.median(seconds[-quarter:]) / np.median(seconds[:quarter]))
+    growth = held[-1] / held[len(held) // 4] if len(held) > 3 else math.nan
+    (output / "long_run.json").write_text(
+        json.dumps({"seconds": seconds, "bytes": held, "landmarks": landmarks}), encoding="utf-8"
+    )
+    _figure(seconds, held, landmarks).savefig(output / "long_run.png", dpi=150)
+    yield f"Run of {n_scans} scans, {n_scans / SCANS_PER_ROUND:.0f} rounds: time per scan, last"
+    yield f"over first quarter {ratio:.2f}; memory without the log, end over first quarter"
+    yield f"{growth:.2f}; landmarks in the map {landmarks[-1] if landmarks else 0} (30 are there)."
+
+
+def _figure(seconds: list[float], held: list[float], landmarks: list[int]) -> Figure:
+    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    parts = np.array(seconds[: len(seconds) // BIN * BIN]).reshape(-1, BIN)
+    at = BIN * (np.arange(len(parts)) + 0.5)
+    first = float(np.median(parts[: max(1, len(parts) // 4)]))
+    low, middle, high = np.quantile(parts, [0.1, 0.5, 0.9], axis=1) / first
+    upper.fill_between(at, low, high, color="0.85", label="80 % of scans")
+    upper.plot(at, middle, color="black", label="median")
+    upper.set_ylabel("time per scan\n(first quarter's median = 1)")
+    upper.set_ylim(bottom=0.0)
+    upper.legend(loc="upper left", ncols=2)
+    lower.plot(BIN * np.arange(1, len(held) + 1), np.array(held) / 2**20, color="black")
+    lower.set_ylabel("memory without the log, MiB")
+    lower.set_ylim(bottom=0.0)
+    lower.set_xlabel("scans")
+    figure.suptitle(
+        f"Time and memory stay flat: {len(seconds)} scans, {landmarks[-1]} landmarks in the map"
+        if landmarks
+        else "Time and memory over a run"
+    )
+    return figure
+
+
+def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--output", type=Path, default=Path("runs/incremental-cost"))
+    parser.add_argument("--scans", type=int, default=5000, help="length of the long run")
+    parser.add_argument("--skip-recording", action="store_true", help="the long run alone")
+    return parser.parse_args(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
