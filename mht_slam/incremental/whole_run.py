@@ -119,7 +119,7 @@ def smooth_whole_run(
 
 def _poses(values: gtsam.Values, count: int) -> FloatArray:
     found = [values.atPose2(X(k)) for k in range(count)]
-    return np.array([[p.x(), p.y(), p.theta()] for p in found])
+    return np.array([[p.x(), p.y(), p.theta()] for p in found]).reshape(-1, 3)
 
 
 def _step_factors(steps: Sequence[Step], poses: FloatArray) -> list[gtsam.NonlinearFactor]:
