@@ -99,6 +99,8 @@ def _hypothesis(branch: Branch, probability: float) -> Hypothesis:
 
 def marginal_owners(branches: Sequence[Branch], scan: int) -> list[dict[int, float]]:
     """Return, for each detection of an open scan, the probability of each landmark, -1 for none."""
+    if not branches[0].owners:  # before the first scan
+        return []
     scores = np.array([branch.log_score for branch in branches])
     probabilities = np.exp(scores - np.logaddexp.reduce(scores))
     found: list[dict[int, float]] = [{} for _ in branches[0].owners[scan]]

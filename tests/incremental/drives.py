@@ -1,0 +1,92 @@
+"""Simulated drives and short-hands that tests of the estimator share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import mht_slam as ms
+from mht_slam.datasets.drive import Drive
+from mht_slam.incremental.config import SlamConfig
+from mht_slam.simulation.drives import DriveKind, OdometryNoise, simulate_drive
+
+
+def noiseless(kind: DriveKind, seed: int, n_landmarks: int = 8, n_scans: int = 20) -> Drive:
+    """A drive that sees every landmark in every scan, and nothing else."""
+    return simulate_drive(
+        kind, n_landmarks, n_scans, np.random.default_rng(seed), sigma=1e-7, miss=0.0,
+        false_alarms=0.0, max_range=math.inf, occlusion=False, rounds=1.0,
+        odometry=OdometryNoise() if kind == "loop" else None,
+    )  # fmt: skip
+
+
+def ordinary(kind: DriveKind, seed: int, n_landmarks: int = 8, n_scans: int = 20) -> Drive:
+    """A drive with noise, misses and false alarms."""
+    return simulate_drive(
+        kind, n_landmarks, n_scans, np.random.default_rng(seed), sigma=math.radians(0.5),
+        rounds=1.0, odometry=OdometryNoise() if kind == "loop" else None,
+    )  # fmt: skip
+
+
+def config_for(kind: DriveKind, sigma: float = math.radians(0.5), **options: Any) -> SlamConfig:
+    """What an estimator of such a drive assumes."""
+    base = SlamConfig().model
+    model = replace(base, sigma=sigma, bearing_dof=None if sigma < 1e-2 else base.bearing_dof)
+    return SlamConfig(model=model, motion="odometry" if kind == "loop" else kind, **options)
+
+
+def fed(
+    config: SlamConfig | ms.MultiHypothesisSlam, scans: Iterable[ms.BearingScan]
+) -> ms.MultiHypothesisSlam:
+    """Return the estimator that has taken in these scans."""
+    slam = ms.MultiHypothesisSlam(config) if isinstance(config, SlamConfig) else config
+    for scan in scans:
+        slam.update(scan)
+    return slam
+
+
+def written(slam: ms.MultiHypothesisSlam, folder: Path) -> bytes:
+    """The bytes of its checkpoint."""
+    path = folder / "written.npz"
+    slam.save(path)
+    return path.read_bytes()
+
+
+def check_sound(slam: ms.MultiHypothesisSlam) -> None:
+    """Fail for anything that an estimator must never hold, whatever it was fed."""
+    posterior = slam.posterior
+    if slam.status != "initialising":
+        probabilities = [h.probability for h in posterior]
+        assert len(probabilities) >= 1
+        assert math.isclose(sum(probabilities), 1.0, abs_tol=1e-9)
+        assert probabilities == sorted(probabilities, reverse=True)
+        # Associations over the open scans may be equal: they do not tell settled landmarks apart.
+        assert len({branch.key for branch in slam._branches}) == len(posterior), "a branch twice"
+        for hypothesis in posterior:
+            assert hypothesis.poses is not None
+            assert np.isfinite(hypothesis.poses).all()
+            assert hypothesis.landmarks is not None
+            assert np.isfinite(hypothesis.landmarks).all()
+            for covariances in (hypothesis.pose_covariances, hypothesis.landmark_covariances):
+                assert covariances is not None
+                assert np.isfinite(covariances).all()
+                assert (np.diagonal(covariances, axis1=1, axis2=2) >= 0.0).all()
+        marginals: Sequence[dict[int, float]] = slam.marginal_associations
+        for marginal in marginals:
+            assert math.isclose(sum(marginal.values()), 1.0, abs_tol=1e-9)
+    assert slam.online_trajectory.shape == (slam.n_scans, 3)
+    assert np.isfinite(slam.online_trajectory).all()
+    assert slam.association.n_scans == slam.n_scans
+    past = slam.committed
+    assert np.isfinite(past.mean).all()
+    assert np.isfinite(past.covariance).all()
+    assert len(set(past.ids.tolist())) == len(past.ids)
+    for branch in slam._branches:
+        for owner in branch.owners:
+            named = owner[owner >= 0].tolist()
+            assert len(set(named)) == len(named), "two detections of one scan are one landmark"
