@@ -170,6 +170,43 @@ def test_a_live_pipe_is_answered_scan_by_scan_and_an_interrupt_leaves_results(
     assert MultiHypothesisSlam.load(tmp_path / "c").n_scans == 12
 
 
+def test_an_interrupt_in_the_middle_of_a_scan_waits_until_it_is_done(
+    whole: tuple[list[str], Path],
+    scan_file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looked_at = MultiHypothesisSlam.posterior.fget
+    assert looked_at is not None
+
+    def interrupted(slam: MultiHypothesisSlam) -> Any:
+        if slam.n_scans == 7:
+            os.kill(os.getpid(), signal.SIGINT)
+        return looked_at(slam)
+
+    monkeypatch.setattr(MultiHypothesisSlam, "posterior", property(interrupted))
+    options = ["--output", str(tmp_path / "runs"), "--checkpoint", str(tmp_path / "c")]
+    assert run(str(scan_file), *MODEL, *options) == 130
+    monkeypatch.undo()
+    assert run(str(scan_file), *options, "--resume", str(tmp_path / "c")) == 0
+    assert capsys.readouterr().out.splitlines() == whole[0]
+
+
+def test_the_progress_bar_leaves_the_lines_alone(
+    whole: tuple[list[str], Path],
+    scan_file: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
+    assert run(str(scan_file), *MODEL, "--output", str(tmp_path / "runs")) == 0
+    captured = capsys.readouterr()
+    assert captured.out.splitlines() == whole[0]
+    assert "estimating" in captured.err
+
+
 def test_a_run_killed_and_resumed_gives_the_lines_and_files_of_one_never_killed(
     whole: tuple[list[str], Path],
     scan_file: Path,
