@@ -14,6 +14,8 @@ GAUGE = 1e-4
 """Deviation of the first pose, which carries the frame: lengths and radians."""
 WIDE_DIRECTION, WIDE_LOG_RANGE = 0.5, 1.0
 """Deviations of a new landmark about its smoothed estimate before its first bearing is taken in."""
+JITTER = 1e-12
+"""Least share of a variance that nothing else explains."""
 FAR_CENTRE = 1e4
 """How far behind a well-known landmark its centre lies."""
 
@@ -76,7 +78,10 @@ class Committed:
         """Mean and information of the poses and the landmarks at these indices."""
         at = np.concatenate([np.arange(6), (6 + 2 * chosen[:, None] + np.arange(2)).ravel()])
         covariance = self.covariance[np.ix_(at, at)]
-        information = np.linalg.inv(covariance)
+        deviations = np.sqrt(np.diag(covariance))
+        scale = deviations[:, None] * deviations
+        # Poses far off that hang together by a sure step are one pose, as far as doubles can tell.
+        information = np.linalg.inv(covariance / scale + JITTER * np.eye(len(at))) / scale
         return self.mean[at], 0.5 * (information + information.T)
 
 
