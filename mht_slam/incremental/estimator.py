@@ -433,9 +433,9 @@ class MultiHypothesisSlam:
         chance = config.observation_model.detection_probability
         assert chance is not None  # noqa: S101 - checked by the configuration
         while True:
-            loop = find_loop(self._past, scan - config.loop_scans, config.loop_odds)
+            apart = SeenApart(self._history, branches)
+            loop = find_loop(self._past, scan - config.loop_scans, config.loop_odds, apart)
             if loop is None:
-                apart = SeenApart(self._history, branches)
                 chosen = self._active(branches)
                 loop = find_twins(self._past, chosen, apart, chance, config.loop_odds)
             if loop is None:
