@@ -49,7 +49,12 @@ class Loop:
     log_odds: float
 
 
-def find_loop(past: Committed, recent_since: int, threshold: float) -> Loop | None:
+def find_loop(
+    past: Committed,
+    recent_since: int,
+    threshold: float,
+    seen_apart: Callable[[int, int], int | None],
+) -> Loop | None:
     """Return the best set of landmarks, first seen since a scan, that old ones explain together.
 
     A rigid drift T takes the new landmarks to old ones. Its odds against all of them being new are
@@ -58,8 +63,9 @@ def find_loop(past: Committed, recent_since: int, threshold: float) -> Loop | No
 
     the drift integrated out about its best value (H its information from the pairs), times the
     chance of missing for every new landmark in known territory that meets none. p(T) is wide: the
-    covariance of the drift as the filter states it, inflated, with heavy tails. Pairs never seen in
-    overlapping stretches of time only.
+    covariance of the drift as the filter states it, inflated, with heavy tails. Only pairs whose
+    stretches of time do not overlap and of which `seen_apart` (see `find_twins`) knows no scan that
+    saw both.
 
     None where the log odds stay below `threshold`, or where another alignment that disagrees comes
     within half of it. Source: docs/method.md, section 5.
@@ -104,7 +110,10 @@ def find_loop(past: Committed, recent_since: int, threshold: float) -> Loop | No
             return None
     if log_odds < threshold:
         return None
-    return Loop(new[first], old[second], log_odds)
+    new, old = new[first], old[second]
+    numbers = zip(past.ids[new].tolist(), past.ids[old].tolist(), strict=True)
+    kept = np.array([seen_apart(one, other) is not None for one, other in numbers])
+    return Loop(new[kept], old[kept], log_odds) if kept.sum() >= FEWEST else None
 
 
 def find_twins(

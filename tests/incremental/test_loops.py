@@ -67,8 +67,14 @@ def drifted(points: FloatArray, drift: tuple[float, float, float]) -> FloatArray
 SIGMAS = np.array([1.0, 1.0, math.radians(4.0)])
 
 
+def never_together(one: int, other: int) -> int | None:
+    """What `SeenApart` says of landmarks that no scan saw together."""
+    assert one != other
+    return 0
+
+
 def found_in(old: FloatArray, new: FloatArray) -> Loop | None:
-    return find_loop(past_of(old, new, SIGMAS, 0.05), RECENT, ODDS)
+    return find_loop(past_of(old, new, SIGMAS, 0.05), RECENT, ODDS, never_together)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -126,8 +132,22 @@ def test_landmarks_seen_at_the_same_time_are_two() -> None:
     together = past.last_seen.copy()
     together[:15] = RECENT + 50  # still in view when the new ones came
     at_once = Committed(**{**vars(past), "last_seen": together})
-    assert find_loop(past, RECENT, ODDS) is not None
-    assert find_loop(at_once, RECENT, ODDS) is None
+    assert find_loop(past, RECENT, ODDS, never_together) is not None
+    assert find_loop(at_once, RECENT, ODDS, never_together) is None
+
+
+def test_a_pair_that_an_open_scan_sees_together_is_left_out() -> None:
+    rng = np.random.default_rng(2)
+    old = scattered(rng, 15, 12.0)
+    past = past_of(old, drifted(old[:8], DRIFT), SIGMAS, 0.05)
+
+    def apart(one: int, other: int) -> int | None:
+        return None if 3 in (one, other) else 0
+
+    loop = find_loop(past, RECENT, ODDS, apart)
+    assert loop is not None
+    assert sorted(loop.old.tolist()) == [0, 1, 2, 4, 5, 6, 7]
+    assert find_loop(past, RECENT, ODDS, lambda *_: None) is None
 
 
 @pytest.mark.parametrize("n", [0, 1, 3])
