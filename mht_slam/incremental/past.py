@@ -270,7 +270,7 @@ def _moved(
     """
     residual, jacobian = np.empty(3), np.empty((3, 9))
     motion_terms(kind, parameters, poses[0], poses[1], poses[2], residual, jacobian)
-    inverse = np.linalg.inv(jacobian[:, 6:])
+    inverse = np.linalg.pinv(jacobian[:, 6:])  # a step of no length says nothing of its direction
     gain = -inverse @ jacobian[:, :6]
     off = past.mean[:6] - poses[:2].ravel()
     off[[2, 5]] = [wrapped(off[2]), wrapped(off[5])]
