@@ -263,6 +263,6 @@ def _summary(slam: MultiHypothesisSlam, rejected: int) -> str:
     confirmed = int(slam.map.confirmed.sum())
     text = (
         f"{slam.n_scans} scans, {confirmed} landmarks confirmed of {len(slam.map)}, "
-        f"{len(slam.loops)} loops closed; {slam.status}."
+        f"loops closed: {len(slam.loops)}; {slam.status}."
     )
     return text + (f" Lines rejected: {rejected}." if rejected else "")

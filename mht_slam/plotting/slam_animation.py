@@ -82,5 +82,5 @@ def slam_animation(
 
 
 def _title(frame: SlamFrame) -> str:
-    loops = f", {frame.n_loops} loops closed" if frame.n_loops else ""
+    loops = f", loops closed: {frame.n_loops}" if frame.n_loops else ""
     return f"scan {frame.scan}: {len(frame.settled)} landmarks{loops}; {frame.status}"
