@@ -80,7 +80,7 @@ def test_with_every_effort_the_children_are_all_matchings(seed: int) -> None:
     config = SlamConfig(hypotheses=2, **EVERYTHING)
     _, predictions = predictions_of(config, tiny_run(seed))
     for prediction in predictions:
-        options = associate.best_options([prediction], config)
+        options = associate.best_options([prediction], config, 10**6)
         expected = exhaustive(prediction)
         assert len(scores(options)) == len(options), "a child twice"
         assert scores(options).keys() == expected.keys()
@@ -94,7 +94,7 @@ def test_with_every_effort_the_children_are_all_matchings(seed: int) -> None:
 def test_with_ordinary_effort_the_best_child_is_the_best_of_all_matchings(seed: int) -> None:
     config = SlamConfig()
     _, predictions = predictions_of(config, tiny_run(seed))
-    options = associate.best_options(predictions, config)
+    options = associate.best_options(predictions, config, 20)
     expected = [exhaustive(prediction) for prediction in predictions]
     best = max(max(scores.values()) for scores in expected)
     assert options[0].log_score == pytest.approx(best, abs=1e-9)
@@ -113,7 +113,7 @@ def test_a_child_has_the_detections_that_its_matches_name(seed: int) -> None:
     config = SlamConfig()
     slam, predictions = predictions_of(config, tiny_run(seed))
     weights = Weights.of(config)
-    for option in associate.best_options(predictions, config)[:10]:
+    for option in associate.best_options(predictions, config, 20)[:10]:
         branch = associate.child(option, slam._window, config, weights)
         parent = option.prediction.branch
         newest = branch.owners[-1]

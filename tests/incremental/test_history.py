@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mht_slam.arrays import IntArray
 from mht_slam.incremental.branch import landmark_number
-from mht_slam.incremental.history import History, association_of
+from mht_slam.incremental.history import History, SeenApart, association_of
 
 
 def ints(*values: int) -> IntArray:
@@ -53,3 +53,25 @@ def test_what_is_renamed_keeps_its_last_name_however_long_the_chain() -> None:
 def test_numbers_of_landmarks_never_meet() -> None:
     numbers = {landmark_number(scan, d) for scan in (0, 1, 2, 10**6) for d in (0, 1, 999_999)}
     assert len(numbers) == 12
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.sampled_from(["one", "other", "none"]), max_size=12))
+def test_seen_apart_counts_up_to_the_last_change_from_one_to_the_other(events: list[str]) -> None:
+    """After it, one of them may simply have left."""
+    one, other = landmark_number(0, 0), landmark_number(1, 0)
+    names = {"one": [one], "other": [other], "none": []}
+    history = History(owners=[ints(one), *(ints(7, *names[event]) for event in events)])
+    seen = [event for event in events if event != "none"]
+    changes = [i for i in range(1, len(seen)) if seen[i] != seen[i - 1]]
+    assert SeenApart(history, [])(one, other) == (changes[-1] + 1 if changes else 0)
+    history.owners.append(ints(other, one))
+    assert SeenApart(history, [])(one, other) is None
+
+
+def test_seen_apart_knows_todays_names() -> None:
+    one, other, former = (landmark_number(scan, 0) for scan in (0, 1, 2))
+    history = History(
+        owners=[ints(one), ints(other), ints(former), ints(one, former)], renamed={former: other}
+    )
+    assert SeenApart(history, [])(one, other) is None

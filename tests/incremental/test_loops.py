@@ -9,7 +9,7 @@ import pytest
 
 from mht_slam.arrays import FloatArray
 from mht_slam.incremental.config import SlamConfig
-from mht_slam.incremental.loops import Loop, find_loop, spacing_of
+from mht_slam.incremental.loops import Loop, find_loop, find_twins, spacing_of
 from mht_slam.incremental.past import FAR_CENTRE, Committed, places_of
 
 ODDS = SlamConfig().loop_odds
@@ -173,3 +173,32 @@ def test_the_spacing_is_the_median_distance_to_the_next_landmark() -> None:
     assert spacing_of(np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.0]])) == 1.0
     assert spacing_of(np.zeros((1, 2))) == 1.0
     assert spacing_of(np.zeros((0, 2))) == 1.0
+
+
+def twins_in(points: FloatArray, apart: int | None, threshold: float = ODDS) -> Loop | None:
+    """Two names may stand for one landmark; the map is sure to a tenth of a unit."""
+    past = past_of(points, np.empty((0, 2)), SIGMAS, 0.1)
+    return find_twins(past, np.arange(len(points)), lambda *_: apart, 0.9, threshold)
+
+
+def test_a_landmark_under_two_names_is_one() -> None:
+    points = scattered(np.random.default_rng(0), 12, 12.0)
+    twice = np.concatenate([points, points[4:5] + 0.1])
+    loop = twins_in(twice, 6)
+    assert loop is not None
+    assert {int(loop.new[0]), int(loop.old[0])} == {4, 12}
+    assert twins_in(twice, None) is None, "some scan saw both"
+    assert twins_in(points, 6) is None, "nobody stands so close"
+    assert twins_in(points[:1], 6) is None
+
+
+def test_every_scan_that_saw_just_one_of_two_speaks_for_one_landmark() -> None:
+    points = scattered(np.random.default_rng(0), 12, 12.0)
+    twice = np.concatenate([points, points[4:5] + 0.1])
+    few, many = twins_in(twice, 1, 1e-9), twins_in(twice, 4, 1e-9)
+    assert few is not None
+    assert many is not None
+    assert many.log_odds - few.log_odds == pytest.approx(3.0 * math.log(10.0))
+    apart = np.concatenate([points, points[4:5] + 0.4])
+    far = twins_in(apart, 4, 1e-9)
+    assert far is None or far.log_odds < many.log_odds
