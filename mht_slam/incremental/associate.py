@@ -259,17 +259,17 @@ def _best_matchings(gains: FloatArray, depth: int, floor: float) -> Iterator[tup
         yield tuple(sorted((r, d) for d, r in enumerate(chosen) if r >= 0)), total
 
 
-def best_options(predictions: Sequence[Prediction], config: SlamConfig) -> list[Option]:
-    """Return the children of all branches that may be worth solving, the most promising first."""
+def best_options(predictions: Sequence[Prediction], config: SlamConfig, count: int) -> list[Option]:
+    """Return the `count` most promising children of all branches, the best first."""
     bounds = [bounds_of(p.table, p.offsets) for p in predictions]
     greatest = np.array([b.max(initial=-math.inf) for b in bounds])
     found: list[Option] = []
-    floor = Floor(2 * config.hypotheses, config.drop)
+    floor = Floor(count, config.drop)
     for i in np.argsort(-greatest, kind="stable").tolist():
         if greatest[i] >= floor.value:
             found += _options(predictions[i], bounds[i], config, floor)
     found.sort(key=lambda option: (-option.log_score, option.matches))
-    return [option for option in found if option.log_score >= floor.value]
+    return found[:count]
 
 
 def nothing_matched(prediction: Prediction) -> Option:

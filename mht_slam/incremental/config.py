@@ -32,6 +32,8 @@ class SlamConfig:
     """Noise, motion, landmarks and detections."""
     hypotheses: int = 10
     """Global hypotheses kept from scan to scan, K."""
+    start_hypotheses: int = 100
+    """As many while the first `lag` scans are open: before there is a map, much is possible."""
     lag: int = 10
     """Scans whose associations are open; older ones are settled as the best hypothesis says."""
     drop: float = 12.0
@@ -59,6 +61,8 @@ class SlamConfig:
     a landmark out of sight is sure enough for single detections to recognise it."""
     loop_odds: float = 6.0
     """Nats of evidence that close a loop, from several landmarks together."""
+    twin_odds: float = 1.0
+    """Nats of evidence that make one landmark of two in one place."""
     loop_scans: int = 50
     """Scans over which that evidence is gathered: how long a landmark counts as new."""
     loop_every: int = 10
@@ -74,13 +78,13 @@ class SlamConfig:
                 "model leaves out detection_probability, false_alarm_rate or expected_landmarks: "
                 "state all three, associations of different size compete here"
             )
-        for name in ("hypotheses", "lag", "ranked", "depth", "pair_within"):
+        for name in ("hypotheses", "start_hypotheses", "lag", "ranked", "depth", "pair_within"):
             whole_number(getattr(self, name), name, at_least=1)
         for name in ("active", "most_landmarks", "loop_scans", "loop_every"):
             whole_number(getattr(self, name), name, at_least=1)
         finite_number(self.drop, "drop", above=0.0)
         finite_number(self.return_probability, "return_probability", above=0.0, below=1.0)
-        for name in ("settled", "familiar", "loop_odds"):
+        for name in ("settled", "familiar", "loop_odds", "twin_odds"):
             finite_number(getattr(self, name), name, above=0.0)
         if self.sight is not None:
             finite_number(self.sight, "sight", above=0.0)

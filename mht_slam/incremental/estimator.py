@@ -63,9 +63,9 @@ class Dropped:
 
     Attributes
     ----------
-    reason : "improbable" (further behind than `SlamConfig.drop`), "one too many" (more than
-        `SlamConfig.hypotheses` were better), "no optimum", or "settled otherwise" (it reads the
-        scan that has just been committed in another way than the best hypothesis does).
+    reason : "improbable" (further behind than `SlamConfig.drop`), "one too many" (as many as
+        `SlamConfig.hypotheses` allows were better), "no optimum", or "settled otherwise" (it reads
+        the scan that has just been committed in another way than the best hypothesis does).
     behind : nats behind the best one.
     """
 
@@ -319,9 +319,9 @@ class MultiHypothesisSlam:
         predictions = [
             associate.predict(branch, window, step, config, weights) for branch in self._branches
         ]
-        found = associate.best_options(predictions, config)
+        found = associate.best_options(predictions, config, 2 * self._most_hypotheses)
         children: dict[bytes, Branch] = {}
-        for option in found[: 2 * config.hypotheses]:
+        for option in found:
             branch = self._solved(associate.child(option, window, config, weights))
             if branch is None:
                 self._dropped.append(Dropped("no optimum", math.inf))
@@ -335,6 +335,12 @@ class MultiHypothesisSlam:
                 children[alone.key] = self._solved(alone) or unsolved(alone)
         self._branches = self._kept(children.values())
 
+    @property
+    def _most_hypotheses(self) -> int:
+        config = self.config
+        starting = self.n_scans <= config.lag
+        return max(config.hypotheses, config.start_hypotheses) if starting else config.hypotheses
+
     def _kept(self, branches: Iterable[Branch]) -> tuple[Branch, ...]:
         ordered = sorted(branches, key=lambda branch: (-branch.log_score, branch.key))
         best = ordered[0].log_score
@@ -343,7 +349,7 @@ class MultiHypothesisSlam:
             behind = best - branch.log_score
             if behind > self.config.drop:
                 self._dropped.append(Dropped("improbable", behind))
-            elif len(kept) >= self.config.hypotheses:
+            elif len(kept) >= self._most_hypotheses:
                 self._dropped.append(Dropped("one too many", behind))
             else:
                 kept.append(branch)
@@ -437,7 +443,7 @@ class MultiHypothesisSlam:
             loop = find_loop(self._past, scan - config.loop_scans, config.loop_odds, apart)
             if loop is None:
                 chosen = self._active(branches)
-                loop = find_twins(self._past, chosen, apart, chance, config.loop_odds)
+                loop = find_twins(self._past, chosen, apart, chance, config.twin_odds)
             if loop is None:
                 return branches
             past = self._past
