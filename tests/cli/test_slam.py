@@ -114,7 +114,7 @@ def test_every_scan_has_its_line(whole: tuple[list[str], Path], scan_file: Path)
             assert sum(readings.values()) == pytest.approx(1.0, abs=1e-5)
             assert list(readings.values()) == sorted(readings.values(), reverse=True)
         assert -180.0 < line["pose"]["theta_deg"] <= 180.0
-    assert all(1 <= line["hypotheses"] <= 4 for line in lines[2:])
+    assert all(1 <= line["hypotheses"] <= 4 for line in lines[6:])  # more may be open at the start
     assert all(0.0 < line["probability"] <= 1.0 for line in lines[2:])
     assert any(line["dropped"].get("one too many") for line in lines)
 
