@@ -14,6 +14,8 @@ GAUGE = 1e-4
 """Deviation of the first pose, which carries the frame: lengths and radians."""
 WIDE_DIRECTION, WIDE_LOG_RANGE = 0.5, 1.0
 """Deviations of a new landmark about its smoothed estimate before its first bearing is taken in."""
+ANYWHERE = 1e6
+"""Deviation of a pose of which nothing is known."""
 JITTER = 1e-12
 """Least share of a variance that nothing else explains."""
 FAR_CENTRE = 1e4
@@ -270,11 +272,12 @@ def _moved(
     """
     residual, jacobian = np.empty(3), np.empty((3, 9))
     motion_terms(kind, parameters, poses[0], poses[1], poses[2], residual, jacobian)
-    inverse = np.linalg.pinv(jacobian[:, 6:])  # a step of no length says nothing of its direction
-    gain = -inverse @ jacobian[:, :6]
+    # A step of no length says nothing of where it leads to: then the pose is anywhere.
+    inverse = np.linalg.pinv(np.concatenate([jacobian[:, 6:], np.eye(3) / ANYWHERE]))
+    gain = -inverse[:, :3] @ jacobian[:, :6]
     off = past.mean[:6] - poses[:2].ravel()
     off[[2, 5]] = [wrapped(off[2]), wrapped(off[5])]
-    pose = poses[2] - inverse @ residual + gain @ off
+    pose = poses[2] - inverse[:, :3] @ residual + gain @ off
     n = len(past.mean)
     transfer = np.zeros((6, n))
     transfer[:3, 3:6] = np.eye(3)
