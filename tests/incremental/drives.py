@@ -33,6 +33,30 @@ def ordinary(kind: DriveKind, seed: int, n_landmarks: int = 8, n_scans: int = 20
     )  # fmt: skip
 
 
+def passing(kind: DriveKind, n_scans: int = 24) -> tuple[list[ms.BearingScan], ms.Association]:
+    """A gentle drive, with its true association, past landmarks that keep some distance."""
+    turn = {"straight": 0.0, "smooth": 0.05, "loop": 2.0 * math.pi / n_scans}[kind]
+    rng = np.random.default_rng(n_scans)
+    pose, landmarks, scans, labels = np.zeros(3), [], [], []
+    poses = []
+    for k in range(n_scans):
+        poses.append(pose)
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        if k % 3 == 0:
+            aside = rng.uniform(3.0, 4.0) * (-1.0 if kind == "loop" else (-1.0) ** k)
+            landmarks.append(pose[:2] + aside * np.array([-s, c]))
+        pose = pose + np.array([c, s, turn if kind == "loop" else turn * math.cos(0.3 * k)])
+    for k, (x, y, theta) in enumerate(poses):
+        away = np.array(landmarks) - [x, y]
+        seen = rng.permutation(len(landmarks))
+        seen = seen[np.hypot(*away[seen].T) < 12.0]
+        motion = (1.0, 0.0, theta - poses[k - 1][2]) if k else (0.0, 0.0, 0.0)
+        step = ms.Odometry(*motion, [1e-3, 1e-4, 1e-4])
+        scans.append(ms.BearingScan(np.arctan2(*away[seen].T[::-1]) - theta, odometry=step))
+        labels.append(seen.tolist())
+    return scans, ms.Association.from_labels(labels)
+
+
 def config_for(kind: DriveKind, sigma: float = math.radians(0.5), **options: Any) -> SlamConfig:
     """What an estimator of such a drive assumes."""
     base = SlamConfig().model
