@@ -15,32 +15,25 @@ from mht_slam.association import MISSED, Association
 from mht_slam.errors import MeasurementError
 from mht_slam.graph.standstill import standstills
 from mht_slam.hypotheses import Posterior
-from mht_slam.incremental import associate, checkpoint
+from mht_slam.incremental import associate, checkpoint, upkeep
 from mht_slam.incremental.branch import (
     Branch,
     Window,
-    carried_along,
     empty_branch,
     rearranged,
     solved,
     unsolved,
 )
 from mht_slam.incremental.config import SlamConfig
-from mht_slam.incremental.history import History, SeenApart, association_of
+from mht_slam.incremental.history import History, association_of
 from mht_slam.incremental.live import live_posterior, marginal_owners
-from mht_slam.incremental.loops import INFLATION, find_loop, find_twins, spacing_of
 from mht_slam.incremental.monitor import Monitor, opened
 from mht_slam.incremental.past import (
     Committed,
-    Sighted,
-    commit,
-    merged,
     nothing_committed,
     points_of,
-    recentred,
-    without,
 )
-from mht_slam.incremental.slam_map import CONFIRMED, SlamMap
+from mht_slam.incremental.slam_map import SlamMap
 from mht_slam.incremental.steps import Step, frame_step, next_step
 from mht_slam.incremental.whole_run import WholeRun, smooth_whole_run
 from mht_slam.measurements import BearingScan
@@ -51,10 +44,6 @@ ROUNDS = 10
 """Gauss-Newton steps at most for one branch and scan; most need two."""
 STARTED = 3
 """Scans before there is a posterior: fewer tell nothing apart."""
-KNOWN_LOG_RANGE = 0.1
-"""Deviation of its log range below which a landmark's coordinates become Cartesian."""
-LOOP_SIGMA = 0.04
-"""How far two estimates of one landmark may differ when a loop is closed, in spacings."""
 
 
 @dataclass(frozen=True)
@@ -368,116 +357,17 @@ class MultiHypothesisSlam:
                 self._dropped.append(Dropped("settled otherwise", behind))
         self._history.owners.append(oldest)
         self._history.poses.append(best.poses[2].copy())
-        self._past = self._with_oldest_scan(best)
-        if window.first % self.config.loop_every == 0:
-            agreeing = self._loops_closed(agreeing)
-        chosen = self._active(agreeing)
-        mean, information = self._past.marginal(chosen)
-        self._window = replace(
-            window,
-            first=window.first + 1,
-            bearings=window.bearings[1:],
-            sigmas=window.sigmas[1:],
-            kinds=window.kinds[1:],
-            motion=window.motion[1:],
-            prior_mean=mean,
-            prior_information=information,
-            settled=self._past.ids[chosen],
-            centres=self._past.centres[chosen],
-        )
+        scan, config = window.first, self.config
+        past = upkeep.with_oldest_scan(self._past, window, best, config, self._dof)
+        past = upkeep.tidied(past, self._branches, scan, config)
+        if scan % config.loop_every == 0:
+            past, agreeing = upkeep.loops_closed(past, agreeing, self._history, scan, config)
+        chosen = upkeep.active_landmarks(past, agreeing, scan, config)
+        self._past, self._window = past, upkeep.next_window(window, past, chosen)
         renewed = [rearranged(branch, self._window, self._past) for branch in agreeing]
         found = [self._solved(branch) for branch in renewed]
         usable = [branch for branch in found if branch is not None]
         self._branches = self._kept(usable or map(unsolved, renewed))
-
-    def _with_oldest_scan(self, best: Branch) -> Committed:
-        window, past = self._window, self._past
-        at = {number: i for i, number in enumerate(past.ids.tolist())}
-        visible = past.visible.copy()
-        for i, number in enumerate(window.settled.tolist()):
-            visible[at[number]] = best.visible[i]
-        deviations = best.log_range_deviations
-        sighted = np.flatnonzero(best.sightings[:, 0] == 2)
-        rows = best.sightings[sighted, 1]
-        ready = (rows < len(window.settled)) | (deviations[rows] < self.config.settled)
-        sighted, rows = sighted[ready], rows[ready]
-        committed = commit(
-            replace(past, visible=visible),
-            int(window.kinds[0]),
-            window.motion[0],
-            best.poses[:3],
-            Sighted(
-                ids=best.ids[rows],
-                bearings=best.bearings[sighted],
-                sigmas=best.sigmas[sighted],
-                places=best.places[rows],
-                centres=best.centres[rows],
-            ),
-            self._dof,
-            window.first,
-        )
-        return self._tidied(recentred(committed, KNOWN_LOG_RANGE))
-
-    def _tidied(self, past: Committed) -> Committed:
-        """Let go of landmarks that were false alarms, and of the oldest where there are too many.
-
-        Two false alarms that met once are not seen again. Landmarks of the open scans stay.
-        """
-        config, scan = self.config, self._window.first
-        open_ones = {n for b in self._branches for owner in b.owners for n in owner.tolist()}
-        closed = ~np.isin(past.ids, np.array(sorted(open_ones), np.int64))
-        unseen = closed & (past.last_seen < scan - config.lag)
-        doubtful = unseen & (past.sightings < CONFIRMED)
-        gone = doubtful & (past.last_seen < scan - config.loop_scans)
-        oldest_first = np.argsort(np.where(unseen & ~gone, past.last_seen, scan + 1), kind="stable")
-        too_many = max(0, len(past.ids) - int(gone.sum()) - config.most_landmarks)
-        gone[oldest_first[: min(too_many, int((unseen & ~gone).sum()))]] = True
-        return without(past, np.flatnonzero(gone)) if gone.any() else past
-
-    def _loops_closed(self, branches: list[Branch]) -> list[Branch]:
-        config, scan = self.config, self._window.first
-        chance = config.observation_model.detection_probability
-        assert chance is not None  # noqa: S101 - checked by the configuration
-        while True:
-            apart = SeenApart(self._history, branches)
-            loop = find_loop(self._past, scan - config.loop_scans, config.loop_odds, apart)
-            if loop is None:
-                chosen = self._active(branches)
-                loop = find_twins(self._past, chosen, apart, chance, config.twin_odds)
-            if loop is None:
-                return branches
-            past = self._past
-            before = past.mean[3:6]
-            names = zip(past.ids[loop.new].tolist(), past.ids[loop.old].tolist(), strict=True)
-            renamed = dict(names)
-            sigma = LOOP_SIGMA * spacing_of(past.points[loop.new])
-            self._past = merged(past, loop.new, loop.old, sigma)
-            self._history.renamed.update(renamed)
-            self._history.loops.append((scan, len(renamed), loop.log_odds))
-            after = self._past.mean[3:6]
-            branches = [carried_along(branch, before, after, renamed) for branch in branches]
-
-    def _active(self, branches: list[Branch]) -> IntArray:
-        """Indices of the settled landmarks that the next scans may see.
-
-        Those of the open scans, then the nearest ones. A landmark out of sight for longer counts
-        only where its place, seen from the robot, is certain: else single detections would
-        recognise whatever lies nearest, where only several landmarks together can tell.
-        """
-        past, config = self._past, self.config
-        away = np.hypot(*(past.points - branches[0].poses[-1, :2]).T)
-        seen = {n for branch in branches for owner in branch.owners[1:] for n in owner.tolist()}
-        lately = self._window.first - past.last_seen
-        out_of_sight = lately > config.lag
-        if out_of_sight.any():
-            recent = past.first_seen > self._window.first - config.loop_scans
-            spacing = spacing_of(past.points[recent])
-            inflation = INFLATION * (1.0 + lately / config.loop_scans)
-            unsure = inflation * past.deviations_from_robot() > config.familiar * spacing
-            away[out_of_sight & unsure] = np.inf
-        away[np.isin(past.ids, np.array(sorted(seen), np.int64))] = -1.0
-        count = min(config.active + int((away < 0).sum()), int(np.isfinite(away).sum()))
-        return np.sort(np.argsort(away, kind="stable")[:count])
 
     def _owners(self) -> list[IntArray]:
         return self._history.owners_now(self._branches[0].owners)

@@ -29,7 +29,8 @@ def test_the_uncertainty_of_a_distance_is_that_of_samples() -> None:
 def test_steps_that_were_not_measured_say_nothing() -> None:
     poses = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 2, 0]])
     scale = scale_from_odometry(poses, [3.0, 1.0, None], 0.1)
-    assert scale == Scale(3.0, pytest.approx(0.3))
+    assert scale.value == pytest.approx(3.0)
+    assert scale.sigma == pytest.approx(0.3)
 
 
 def test_measurements_combine_by_their_precision() -> None:
