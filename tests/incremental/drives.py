@@ -61,6 +61,7 @@ def config_for(kind: DriveKind, sigma: float = math.radians(0.5), **options: Any
     """What an estimator of such a drive assumes."""
     base = SlamConfig().model
     model = replace(base, sigma=sigma, bearing_dof=None if sigma < 1e-2 else base.bearing_dof)
+    options = {"start_hypotheses": options.get("hypotheses", 10)} | options
     return SlamConfig(model=model, motion="odometry" if kind == "loop" else kind, **options)
 
 

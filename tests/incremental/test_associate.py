@@ -77,8 +77,8 @@ def scores(options: list[Option]) -> dict[Matches, float]:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_with_every_effort_the_children_are_all_matchings(seed: int) -> None:
-    config = SlamConfig(hypotheses=2, **EVERYTHING)
-    _, predictions = predictions_of(config, tiny_run(seed))
+    config = SlamConfig(**EVERYTHING)
+    _, predictions = predictions_of(SlamConfig(start_hypotheses=2), tiny_run(seed))
     for prediction in predictions:
         options = associate.best_options([prediction], config, 10**6)
         expected = exhaustive(prediction)
@@ -92,7 +92,7 @@ def test_with_every_effort_the_children_are_all_matchings(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_with_ordinary_effort_the_best_child_is_the_best_of_all_matchings(seed: int) -> None:
-    config = SlamConfig()
+    config = SlamConfig(start_hypotheses=5)
     _, predictions = predictions_of(config, tiny_run(seed))
     options = associate.best_options(predictions, config, 20)
     expected = [exhaustive(prediction) for prediction in predictions]
@@ -110,7 +110,7 @@ def test_with_ordinary_effort_the_best_child_is_the_best_of_all_matchings(seed: 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_child_has_the_detections_that_its_matches_name(seed: int) -> None:
-    config = SlamConfig()
+    config = SlamConfig(start_hypotheses=5)
     slam, predictions = predictions_of(config, tiny_run(seed))
     weights = Weights.of(config)
     for option in associate.best_options(predictions, config, 20)[:10]:
@@ -161,7 +161,7 @@ def log_pattern(branch: Branch, config: SlamConfig) -> float:
 @pytest.mark.parametrize("seed", range(6))
 def test_the_weight_of_a_pattern_is_that_of_a_filter_from_scan_to_scan(seed: int) -> None:
     """Seen, missed and left alone, whatever the order in which a child came to it."""
-    config = SlamConfig(hypotheses=30)
+    config = SlamConfig(start_hypotheses=30)
     slam = ms.MultiHypothesisSlam(config)
     for scan in tiny_run(seed, 7):
         slam.update(scan)
@@ -172,7 +172,7 @@ def test_the_weight_of_a_pattern_is_that_of_a_filter_from_scan_to_scan(seed: int
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("count", [0, 1, 5])
 def test_a_scan_may_always_say_nothing(seed: int, count: int) -> None:
-    config = SlamConfig()
+    config = SlamConfig(start_hypotheses=5)
     rng = np.random.default_rng(seed)
     scans = [*tiny_run(seed), ms.BearingScan(rng.uniform(-3, 3, count))]
     slam, predictions = predictions_of(config, scans)

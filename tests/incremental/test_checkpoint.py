@@ -30,7 +30,11 @@ def drive(slam: ms.MultiHypothesisSlam, first: int, last: int) -> ms.MultiHypoth
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("checkpoint") / "slam.npz"
-    drive(ms.MultiHypothesisSlam(ms.SlamConfig(lag=4, sight=30.0, hypotheses=2)), 0, 7).save(path)
+    drive(
+        ms.MultiHypothesisSlam(ms.SlamConfig(lag=4, sight=30.0, hypotheses=2, start_hypotheses=2)),
+        0,
+        7,
+    ).save(path)
     return path
 
 

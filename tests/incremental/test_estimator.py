@@ -224,7 +224,7 @@ EDGES: dict[str, list[list[float]]] = {
 @pytest.mark.parametrize("motion", ["smooth", "straight", "odometry"])
 def test_odd_scans_are_taken_in(name: str, motion: Any) -> None:
     step = ms.Odometry(1.0, 0.0, 0.0, [1e-3, 1e-3, 1e-4])
-    slam = ms.MultiHypothesisSlam(SlamConfig(motion=motion, hypotheses=3))
+    slam = ms.MultiHypothesisSlam(SlamConfig(motion=motion, hypotheses=3, start_hypotheses=3))
     for bearings in EDGES[name]:
         slam.update(ms.BearingScan(bearings, odometry=step))
     check_sound(slam)
@@ -233,14 +233,14 @@ def test_odd_scans_are_taken_in(name: str, motion: Any) -> None:
 
 
 def test_the_free_motion_takes_scans_too() -> None:
-    drive = ordinary("smooth", 2, n_scans=6)
-    check_sound(fed(SlamConfig(motion="free", hypotheses=2), drive.scans))
+    drive = ordinary("smooth", 2, n_scans=4)
+    check_sound(fed(SlamConfig(motion="free", hypotheses=1, start_hypotheses=1), drive.scans))
 
 
 def test_two_hundred_detections_at_once_are_taken_in() -> None:
     rng = np.random.default_rng(0)
     drive = ordinary("smooth", 11, n_scans=8)
-    slam = fed(SlamConfig(hypotheses=2, ranked=1), drive.scans)
+    slam = fed(SlamConfig(hypotheses=2, start_hypotheses=2, ranked=1), drive.scans)
     slam.update(ms.BearingScan(rng.uniform(-math.pi, math.pi, 200)))
     slam.update(drive.scans[-1].__class__(drive.scans[-1].bearings))
     check_sound(slam)
@@ -389,6 +389,9 @@ def test_effort_and_memory_stay_flat_on_a_long_drive(monkeypatch: pytest.MonkeyP
     hypotheses=st.integers(1, 4),
 )
 def test_any_bearings_are_taken_in(bearings: list[list[float]], lag: int, hypotheses: int) -> None:
-    slam = fed(SlamConfig(lag=lag, hypotheses=hypotheses), map(ms.BearingScan, bearings))
+    slam = fed(
+        SlamConfig(lag=lag, hypotheses=hypotheses, start_hypotheses=5),
+        map(ms.BearingScan, bearings),
+    )
     check_sound(slam)
     assert slam.association.n_detections == tuple(map(len, bearings))
