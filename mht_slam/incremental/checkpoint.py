@@ -155,6 +155,7 @@ def _refuse_misfits(parts: Parts) -> None:
         ("past", past.covariance, (6 + 2 * n, 6 + 2 * n)),
         ("past", past.centres, (n, 2)),
         *(("past", a, (n,)) for a in (past.visible, past.first_seen, past.last_seen)),
+        ("past", past.sightings, (n,)),
         ("window", window.kinds, (w,)),
         ("window", window.motion, (w, N_PARAMETERS)),
         ("window", window.prior_mean, (6 + 2 * s,)),
