@@ -70,7 +70,7 @@ def configs(draw: st.DrawFn) -> dict[str, Any]:
     return {
         "motion": draw(st.sampled_from(MOTIONS)),
         "hypotheses": draw(st.sampled_from([1, 2, 5])),
-        "start_hypotheses": draw(st.sampled_from([1, 5, 50])),
+        "start_hypotheses": draw(st.sampled_from([1, 3, 10])),
         "lag": draw(st.sampled_from([1, 2, 3, 8])),
         "drop": draw(mostly(12.0, 1e-9, 1e9)),
         "ranked": draw(st.sampled_from([1, 3])),
