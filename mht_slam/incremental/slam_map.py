@@ -13,8 +13,9 @@ from gtsam.symbol_shorthand import L
 from mht_slam.arrays import BoolArray, FloatArray, IntArray, freeze
 from mht_slam.incremental.whole_run import WholeRun
 
-CONFIRMED = 3
-"""Detections that confirm a landmark: false alarms meet in pairs, seldom in threes."""
+CONFIRMED = 5
+"""Detections that confirm a landmark: what false alarms and mistakes at a run's start leave behind
+was seen less often."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,10 +13,12 @@ from mht_slam.incremental.config import SlamConfig
 from mht_slam.incremental.history import History, SeenApart
 from mht_slam.incremental.loops import INFLATION, find_loop, find_twins, spacing_of
 from mht_slam.incremental.past import Committed, Sighted, commit, merged, recentred, without
-from mht_slam.incremental.slam_map import CONFIRMED
 
 KNOWN_LOG_RANGE = 0.1
 """Deviation of its log range below which a landmark's coordinates become Cartesian."""
+DOUBTFUL = 3
+"""Scans that have to see a landmark for it to stay in the map when it is out of sight: false alarms
+meet in pairs, seldom in threes."""
 LOOP_SIGMA = 0.04
 """How far two estimates of one landmark may differ when a loop is closed, in spacings."""
 
@@ -63,7 +65,7 @@ def tidied(past: Committed, branches: Sequence[Branch], scan: int, config: SlamC
     """
     closed = ~np.isin(past.ids, _open_landmarks(branches, 0))
     unseen = closed & (past.last_seen < scan - config.lag)
-    doubtful = unseen & (past.sightings < CONFIRMED)
+    doubtful = unseen & (past.sightings < DOUBTFUL)
     gone = doubtful & (past.last_seen < scan - config.loop_scans)
     oldest_first = np.argsort(np.where(unseen & ~gone, past.last_seen, scan + 1), kind="stable")
     too_many = max(0, len(past.ids) - int(gone.sum()) - config.most_landmarks)

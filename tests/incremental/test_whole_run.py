@@ -10,6 +10,7 @@ import pytest
 
 import mht_slam as ms
 from mht_slam.incremental.past import points_of
+from mht_slam.incremental.slam_map import CONFIRMED
 from mht_slam.measurements import wrap_angle
 
 from .drives import config_for, fed, ordinary, passing
@@ -52,7 +53,7 @@ def test_the_map_has_the_rows_of_the_association() -> None:
     found, association = slam.map, slam.association
     assert len(found) == association.n_landmarks
     np.testing.assert_array_equal(found.sightings, (association.table >= 0).sum(axis=1))
-    np.testing.assert_array_equal(found.confirmed, found.sightings >= 3)
+    np.testing.assert_array_equal(found.confirmed, found.sightings >= CONFIRMED)
     np.testing.assert_array_equal(np.asarray(found), found.points)
     assert len(set(found.numbers.tolist())) == len(found)
     assert found.covariances.shape == (len(found), 2, 2)
