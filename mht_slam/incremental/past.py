@@ -331,6 +331,8 @@ def _updated(
     residual = innovation - (local * off).sum(axis=1)
     cross = np.einsum("nmi,mi->nm", covariance[:, at], local)
     total = np.einsum("mi,mik->mk", local, cross[at]) + np.diag(variances)
-    gain = np.linalg.solve(total, cross.T).T
+    deviations = np.sqrt(np.diag(total))
+    correlation = total / (deviations[:, None] * deviations) + JITTER * np.eye(m)
+    gain = np.linalg.solve(correlation, (cross / deviations).T).T / deviations
     covariance = covariance - gain @ cross.T
     return mean + gain @ residual, 0.5 * (covariance + covariance.T)
