@@ -95,13 +95,17 @@ class SlamRun:
         lines or checkpoints cannot be written.
         """
         ended: KeyboardInterrupt | BrokenPipeError | ScanFileError | None = None
-        try:
-            for line, entry in stream:
-                with _InterruptedLater():
-                    self._take(line, entry)
-                progress(line)
-        except (KeyboardInterrupt, BrokenPipeError, ScanFileError) as reason:
-            ended = reason
+        with _Interrupts() as interrupts:
+            try:
+                while (found := interrupts.next_of(stream)) is not None:
+                    self._take(*found)
+                    progress(found[0])
+            except (KeyboardInterrupt, BrokenPipeError, ScanFileError) as reason:
+                ended = reason
+            self._finish(ended)
+        return ended or (KeyboardInterrupt() if interrupts.came else None)
+
+    def _finish(self, ended: BaseException | None) -> None:
         if ended is None and self._is_passing:
             raise ScanFileError(
                 f"{self._name}: has {len(self.records)} of the {len(self._known)} scans of the "
@@ -111,7 +115,6 @@ class SlamRun:
         # Whoever read the lines has gone, maybe without the last ones: a resumed run repeats them.
         if not isinstance(ended, BrokenPipeError) and self.slam.n_scans:
             self._save()
-        return ended
 
     @property
     def _is_passing(self) -> bool:
@@ -197,17 +200,32 @@ def _same(record: ScanRecord, known: BearingScan) -> bool:
     return scan == known
 
 
-class _InterruptedLater:
-    """Hold an interrupt back while a scan is worked on: half an update is nothing to save."""
+class _Interrupts:
+    """Interrupts that end a run only where it waits: half an update is nothing to save."""
 
-    def __enter__(self) -> None:
-        self._came = False
-        self._before = signal.signal(signal.SIGINT, self._note)
+    def __init__(self) -> None:
+        self.came, self._waits = False, False
+
+    def __enter__(self) -> _Interrupts:
+        self._before = signal.getsignal(signal.SIGINT)
+        if self._before is not signal.SIG_IGN:  # as in the background of a script
+            signal.signal(signal.SIGINT, self._note)
+        return self
 
     def __exit__(self, *_: object) -> None:
         signal.signal(signal.SIGINT, self._before)
-        if self._came:
-            raise KeyboardInterrupt
+
+    def next_of(self, stream: ScanStream) -> tuple[int, ScanRecord | ScanFileError] | None:
+        """Wait for the next line, None at the end; raises `KeyboardInterrupt`, also a late one."""
+        self._waits = True
+        try:
+            if self.came:
+                raise KeyboardInterrupt
+            return next(stream, None)
+        finally:
+            self._waits = False
 
     def _note(self, _number: int, _frame: FrameType | None) -> None:
-        self._came = True
+        self.came = True
+        if self._waits:
+            raise KeyboardInterrupt

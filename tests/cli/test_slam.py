@@ -193,6 +193,22 @@ def test_an_interrupt_in_the_middle_of_a_scan_waits_until_it_is_done(
     assert capsys.readouterr().out.splitlines() == whole[0]
 
 
+def test_an_interrupt_at_the_end_of_the_stream_still_leaves_results(
+    scan_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save = MultiHypothesisSlam.save
+
+    def interrupted(slam: MultiHypothesisSlam, path: Path) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        save(slam, path)
+
+    monkeypatch.setattr(MultiHypothesisSlam, "save", interrupted)
+    options = ["--output", str(tmp_path / "runs"), "--checkpoint", str(tmp_path / "c")]
+    assert run(str(scan_file), *MODEL, *options) == 130
+    assert results(tmp_path / "runs" / "latest")["n_scans"] == N_SCANS
+    assert MultiHypothesisSlam.load(tmp_path / "c").n_scans == N_SCANS
+
+
 def test_the_progress_bar_leaves_the_lines_alone(
     whole: tuple[list[str], Path],
     scan_file: Path,
