@@ -36,7 +36,7 @@ from mht_slam.incremental.past import (
 from mht_slam.incremental.slam_map import SlamMap
 from mht_slam.incremental.steps import Step, frame_step, next_step
 from mht_slam.incremental.whole_run import WholeRun, smooth_whole_run
-from mht_slam.measurements import BearingScan
+from mht_slam.measurements import BearingScan, wrap_angle
 
 Status: TypeAlias = Literal["initialising", "tracking", "lost"]
 
@@ -206,7 +206,9 @@ class MultiHypothesisSlam:
     @property
     def online_trajectory(self) -> FloatArray:
         """(m, 3) poses as they were known when they were settled, and the open ones as of now."""
-        return np.array([*self._history.poses, *self._branches[0].poses[2:]]).reshape(-1, 3)
+        poses = np.array([*self._history.poses, *self._branches[0].poses[2:]]).reshape(-1, 3)
+        poses[:, 2] = wrap_angle(poses[:, 2])
+        return poses
 
     @property
     def marginal_associations(self) -> list[dict[int, float]]:
@@ -266,10 +268,11 @@ class MultiHypothesisSlam:
                 f"scan {number} has labels: the incremental estimator knows no identities, leave "
                 "them out, or solve the run as a whole"
             )
-        times = [time for time in self._history.times if not math.isnan(time)]
-        if scan.time is not None and times and scan.time <= times[-1]:
+        known = (time for time in reversed(self._history.times) if not math.isnan(time))
+        last = next(known, -math.inf)
+        if scan.time is not None and scan.time <= last:
             raise MeasurementError(
-                f"scan {number} has time {scan.time:g}, the scan before {times[-1]:g}: leave out "
+                f"scan {number} has time {scan.time:g}, the scan before {last:g}: leave out "
                 "scans that come late or twice"
             )
 

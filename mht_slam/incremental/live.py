@@ -20,29 +20,32 @@ RANGED = 1.0
 
 
 class OnDemand(Sequence[Hypothesis]):
-    """Hypotheses that are made when the first of them is asked for."""
+    """Hypotheses of which each is made when it is first asked for."""
 
-    def __init__(self, count: int, make: Callable[[], tuple[Hypothesis, ...]]) -> None:
-        self._count, self._make = count, make
-        self._made: tuple[Hypothesis, ...] | None = None
+    def __init__(self, count: int, make: Callable[[int], Hypothesis]) -> None:
+        self._make = make
+        self._made: list[Hypothesis | None] = [None] * count
 
     def __len__(self) -> int:
-        return self._count
+        return len(self._made)
 
     @overload
     def __getitem__(self, index: int) -> Hypothesis: ...
     @overload
     def __getitem__(self, index: slice) -> tuple[Hypothesis, ...]: ...
     def __getitem__(self, index: int | slice) -> Hypothesis | tuple[Hypothesis, ...]:
-        return self._all()[index]
+        if isinstance(index, slice):
+            return tuple(self._at(i) for i in range(len(self))[index])
+        return self._at(range(len(self))[index])
 
     def __iter__(self) -> Iterator[Hypothesis]:
-        return iter(self._all())
+        return (self._at(i) for i in range(len(self)))
 
-    def _all(self) -> tuple[Hypothesis, ...]:
-        if self._made is None:
-            self._made = self._make()
-        return self._made
+    def _at(self, index: int) -> Hypothesis:
+        made = self._made[index]
+        if made is None:
+            made = self._made[index] = self._make(index)
+        return made
 
 
 def live_posterior(
@@ -57,10 +60,8 @@ def live_posterior(
     scores = np.array([branch.log_score for branch in branches])
     probabilities = np.exp(scores - np.logaddexp.reduce(scores)) if len(scores) else scores
 
-    def make() -> tuple[Hypothesis, ...]:
-        return tuple(
-            _hypothesis(branch, float(p)) for branch, p in zip(branches, probabilities, strict=True)
-        )
+    def make(index: int) -> Hypothesis:
+        return _hypothesis(branches[index], float(probabilities[index]))
 
     return Posterior(
         hypotheses=OnDemand(len(branches), make),

@@ -74,16 +74,22 @@ def test_marginals_add_up_the_branches_that_agree(slam: ms.MultiHypothesisSlam) 
     assert marginal_owners(slam._branches, 0) != []
 
 
-def test_hypotheses_are_made_once_and_only_when_asked_for() -> None:
-    calls = []
+def test_a_hypothesis_is_made_once_and_only_when_asked_for() -> None:
+    slam = fed(config_for("loop", lag=4), ordinary("loop", 8).scans)
+    ready = tuple(slam.posterior)
+    calls: list[int] = []
 
-    def make() -> tuple[ms.Hypothesis, ...]:
-        calls.append(1)
-        return ()
+    def make(index: int) -> ms.Hypothesis:
+        calls.append(index)
+        return ready[0]
 
-    lazy = OnDemand(0, make)
-    assert len(lazy) == 0
+    lazy = OnDemand(3, make)
+    assert len(lazy) == 3
     assert not calls
-    assert list(lazy) == []
-    assert lazy[:2] == ()
-    assert len(calls) == 1
+    assert lazy[-1] is lazy[2] is ready[0]
+    assert calls == [2]
+    assert lazy[:2] == (ready[0], ready[0])
+    assert list(lazy) == [ready[0]] * 3
+    assert calls == [2, 0, 1]
+    with pytest.raises(IndexError):
+        lazy[3]
