@@ -26,6 +26,9 @@ from mht_slam.matchings import Matches, ranked_matchings
 
 CERTAIN = 1.0 - 1e-9
 """The greatest chance of a detection: misses stay possible."""
+ARRIVING = 0.02
+"""Share of the landmarks in view that are new in a scan, at least: where none leaves for good, the
+robot's motion still brings others into view."""
 MOST_NODES = 2000
 """Steps of the depth-first search for the best matchings before Murty's ranking takes over."""
 NEAREST = 0.3
@@ -53,7 +56,7 @@ class Weights:
         chance, rate = model.detection_probability, model.false_alarm_rate
         expected = model.expected_landmarks
         assert chance is not None and rate is not None and expected is not None  # noqa: S101
-        coming = expected * max(1.0 - model.stay_probability, 1e-6)
+        coming = expected * max(1.0 - model.stay_probability, ARRIVING)
         return cls(
             first_landmark=math.log(expected * chance),
             first_alone=math.log(expected * chance / (2.0 * math.pi) + rate),

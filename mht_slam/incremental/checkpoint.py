@@ -24,7 +24,7 @@ from mht_slam.incremental.steps import Step
 from mht_slam.models import ObservationModel
 
 FORMAT = "mht-slam checkpoint"
-VERSION = 1
+VERSION = 2
 TOLD = "told"
 """Name of the entry that holds everything but arrays, as JSON."""
 
@@ -184,11 +184,23 @@ def _refuse_misfits(parts: Parts) -> None:
         sane &= [len(owner) for owner in branch.owners] == lengths
         sane &= not o or (branch.sightings.min() >= 0 and branch.sightings[:, 1].max() < b)
         sane &= not o or branch.sightings[:, 0].max() < w + 2
+        sane &= b >= s and bool((branch.ids[:s] == window.settled).all())
+    sane &= bool(np.isin(window.settled, parts.past.ids).all())
+    sane &= all(_ends(history.renamed, number) for number in history.renamed)
     for name, array, shape in expected:
         if array.shape != shape:
             raise ValueError(f"an array of the {name} has shape {array.shape}, not {shape}")
     if not sane:
         raise ValueError("its entries contradict each other")
+
+
+def _ends(renamed: dict[int, int], number: int) -> bool:
+    """Whether a landmark's names end somewhere."""
+    for _ in renamed:
+        if number not in renamed:
+            return True
+        number = renamed[number]
+    return number not in renamed
 
 
 def _put(arrays: dict[str, Any], prefix: str, value: object) -> None:

@@ -43,7 +43,7 @@ class SlamConfig:
     depth: int = 6
     """Associations tried there."""
     pair_within: int = 5
-    """Scans that may lie between the first and the second detection of a landmark."""
+    """Scans from the first to the second detection of a landmark, at most."""
     return_probability: float = 0.02
     """Chance that a landmark out of view comes back from one scan to the next."""
     sight: float | None = None

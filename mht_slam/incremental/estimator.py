@@ -28,6 +28,7 @@ from mht_slam.incremental.config import SlamConfig
 from mht_slam.incremental.history import History, association_of
 from mht_slam.incremental.live import live_posterior, marginal_owners
 from mht_slam.incremental.monitor import Monitor, opened
+from mht_slam.incremental.motion_terms import STILL
 from mht_slam.incremental.past import (
     Committed,
     nothing_committed,
@@ -70,8 +71,8 @@ class MultiHypothesisSlam:
     before; the best of those are kept. A scan that is `SlamConfig.lag` scans old is settled as the
     best hypothesis says. New landmarks that together look like old ones close loops.
 
-    The frame is that of the first pose, x forward and y left; the unit is the metre with motion
-    ``odometry``, the first step otherwise.
+    The frame is that of the first pose, x forward and y left, of a straight run that of its line;
+    the unit is the metre with motion ``odometry``, the first step otherwise.
 
     Source: docs/method.md, section 5, and docs/incremental.md.
 
@@ -89,8 +90,7 @@ class MultiHypothesisSlam:
         model = self.config.observation_model
         self._weights = associate.Weights.of(self.config)
         self._dof = math.inf if model.bearing_dof is None else model.bearing_dof
-        heading_sigma = model.heading_sigma if model.motion == "straight" else 0.0
-        self._past = nothing_committed(heading_sigma)
+        self._past = nothing_committed()
         self._window = _first_window(self._past)
         self._branches: tuple[Branch, ...] = (empty_branch(),)
         self._history = History()
@@ -279,11 +279,15 @@ class MultiHypothesisSlam:
     def _step(self, scan: BearingScan, sigmas: FloatArray) -> Step:
         number, model = self.n_scans, self.config.observation_model
         if number == 0:
-            return frame_step()
+            return frame_step(model.heading_sigma if model.motion == "straight" else 0.0)
         still = False
         if model.stops and model.motion == "smooth" and number > 1:
-            last = BearingScan(self._history.bearings[-1])
-            still = standstills((last, scan), (self._history.sigmas[-1], sigmas))[0]
+            # Compared with the first scan of the place, so that creeping away shows.
+            place = number - 1
+            while place > 0 and self._history.steps[place].kind == STILL:
+                place -= 1
+            there = BearingScan(self._history.bearings[place])
+            still = standstills((there, scan), (self._history.sigmas[place], sigmas))[0]
         step = next_step(model, scan, number, still, self._moved)
         if not still:
             self._moved = None
@@ -334,7 +338,10 @@ class MultiHypothesisSlam:
         return max(config.hypotheses, config.start_hypotheses) if starting else config.hypotheses
 
     def _kept(self, branches: Iterable[Branch]) -> tuple[Branch, ...]:
-        ordered = sorted(branches, key=lambda branch: (-branch.log_score, branch.key))
+        different: dict[bytes, Branch] = {}  # a loop may have made two readings one
+        for branch in sorted(branches, key=lambda branch: (-branch.log_score, branch.key)):
+            different.setdefault(branch.key, branch)
+        ordered = list(different.values())
         best = ordered[0].log_score
         kept: list[Branch] = []
         for branch in ordered:
@@ -370,6 +377,8 @@ class MultiHypothesisSlam:
         renewed = [rearranged(branch, self._window, self._past) for branch in agreeing]
         found = [self._solved(branch) for branch in renewed]
         usable = [branch for branch in found if branch is not None]
+        lost = len(renewed) - len(usable)
+        self._dropped += [Dropped("no optimum", math.inf)] * (lost if usable else 0)
         self._branches = self._kept(usable or map(unsolved, renewed))
 
     def _owners(self) -> list[IntArray]:

@@ -30,6 +30,8 @@ MOST_TRIED = 24
 """Alignments, those under which most landmarks meet, that are weighed."""
 MOST_ALIKE = 4
 """How many of them may take the new landmarks to about the same place."""
+STRANGER = 1.0
+"""Nats against a drift for every new landmark among the recognised ones that none of them is."""
 FEWEST = 4
 """Landmarks that have to be recognised together."""
 
@@ -74,7 +76,7 @@ def find_loop(
     covariances, cross = _covariances(past)
     spread = np.sqrt(np.trace(covariances, axis1=1, axis2=2))
     recent = past.first_seen >= recent_since
-    spacing = spacing_of(points[recent])
+    spacing = spacing_of(points[recent] if recent.sum() >= FEWEST else points)
     good = spread < spacing
     new = np.flatnonzero(good & recent)
     old = np.flatnonzero(good & ~recent)
@@ -99,21 +101,32 @@ def find_loop(
         known.add(key)
         log_odds = _log_odds(points, cross, new, old, pairs, spacing)
         found.append((log_odds, *pairs))
-    if not found:
+    clean: set[int] = set()
+    while found:
+        found.sort(key=lambda entry: -entry[0])
+        log_odds, first, second = found[0]
+        if log_odds < threshold:
+            return None
+        if id(first) in clean:
+            break
+        numbers = zip(past.ids[new[first]].tolist(), past.ids[old[second]].tolist(), strict=True)
+        apart = np.array([seen_apart(one, other) is not None for one, other in numbers])
+        first, second = first[apart], second[apart]
+        if len(first) < FEWEST:
+            del found[0]
+            continue
+        if not apart.all():  # two landmarks are no pair: what is left has to earn the odds
+            log_odds = _log_odds(points, cross, new, old, (first, second), spacing)
+        clean.add(id(first))
+        found[0] = (log_odds, first, second)
+    else:
         return None
-    found.sort(key=lambda entry: -entry[0])
-    log_odds, first, second = found[0]
     mine = set(zip(first.tolist(), second.tolist(), strict=True))
     for other, a, b in found[1:]:
         theirs = set(zip(a.tolist(), b.tolist(), strict=True))
         if len(theirs & mine) <= len(theirs) // 2 and other > log_odds - 0.5 * threshold:
             return None
-    if log_odds < threshold:
-        return None
-    new, old = new[first], old[second]
-    numbers = zip(past.ids[new].tolist(), past.ids[old].tolist(), strict=True)
-    kept = np.array([seen_apart(one, other) is not None for one, other in numbers])
-    return Loop(new[kept], old[kept], log_odds) if kept.sum() >= FEWEST else None
+    return Loop(new[first], old[second], log_odds)
 
 
 def find_twins(
@@ -307,10 +320,10 @@ def _log_odds(
     information = (flat / variances[:, None]).T @ flat
     log_volume = 1.5 * math.log(2.0 * math.pi) - 0.5 * float(np.linalg.slogdet(information)[1])
     log_density = -2.0 * math.log(spacing)
-    # A new landmark where old ones stand close by, and none of them is it, speaks against.
+    # A new landmark amid those recognised, and no old one where it stands, speaks against.
     moved = (points[new] - start) @ np.array([[c, s], [-s, c]]) + end
     alone = np.ones(len(new), np.bool_)
     alone[pairs[0]] = False
     reach = np.hypot(*(moved[alone][:, None] - b[None]).transpose(2, 0, 1)).min(axis=1, initial=1e9)
     strangers = int((reach < 2.0 * spacing).sum())
-    return log_prior + log_meet + log_volume - p * log_density - 1.0 * strangers
+    return log_prior + log_meet + log_volume - p * log_density - STRANGER * strangers

@@ -101,11 +101,11 @@ class Sighted:
     centres: FloatArray
 
 
-def nothing_committed(heading_sigma: float) -> Committed:
+def nothing_committed() -> Committed:
     """Return the past before the first scan: two made-up poses a unit apart, before the origin."""
     return Committed(
         mean=np.array([-2.0, 0.0, 0.0, -1.0, 0.0, 0.0]),
-        covariance=np.diag(np.array([GAUGE, GAUGE, max(heading_sigma, GAUGE)] * 2) ** 2),
+        covariance=np.eye(6) * GAUGE**2,
         ids=np.empty(0, np.int64),
         centres=np.empty((0, 2)),
         visible=np.empty(0),

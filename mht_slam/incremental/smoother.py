@@ -81,7 +81,7 @@ def smooth_window(
     old_poses, old_places = poses.copy(), places.copy()
     step = np.zeros(size)
     root = np.zeros((size, size))
-    cost, share = math.inf, 1.0
+    cost, share, arrived = math.inf, 1.0, False
     nothing = np.zeros((0, 0))
     for attempt in range(max_rounds):
         new_cost = _assemble(
@@ -130,7 +130,11 @@ def smooth_window(
         _moved(old_poses, old_places, step, share, pose_at, first_landmark, poses, places)
         if gain < ENOUGH:
             cost -= gain
+            arrived = True
             break
+    if not arrived:  # the last step led somewhere that nobody has looked at
+        poses[:, :] = old_poses
+        places[:, :] = old_places
     log_evidence = -cost + 0.5 * size * math.log(2.0 * math.pi)
     for i in range(size):
         log_evidence -= math.log(root[i, i])

@@ -71,11 +71,16 @@ class Proposals:
     side_spreads: FloatArray
 
 
-def frame_step() -> Step:
-    """Return the made-up step that leads to the first pose, which carries the frame."""
+def frame_step(heading_sigma: float = 0.0) -> Step:
+    """Return the made-up step that leads to the first pose, which carries the frame.
+
+    `heading_sigma` is the deviation of the first heading from the frame's x axis, where that is the
+    line of a straight run.
+    """
     parameters = np.zeros(N_PARAMETERS)
     parameters[0] = 1.0
-    parameters[3:12] = np.eye(3).ravel() / FRAME_SIGMA
+    sigmas = np.array([FRAME_SIGMA, FRAME_SIGMA, max(heading_sigma, FRAME_SIGMA)])
+    parameters[3:12] = np.diag(1.0 / sigmas).ravel()
     return Step(ODOMETRY, parameters)
 
 

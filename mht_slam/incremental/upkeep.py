@@ -11,7 +11,7 @@ from mht_slam.arrays import IntArray
 from mht_slam.incremental.branch import Branch, Window, carried_along
 from mht_slam.incremental.config import SlamConfig
 from mht_slam.incremental.history import History, SeenApart
-from mht_slam.incremental.loops import INFLATION, find_loop, find_twins, spacing_of
+from mht_slam.incremental.loops import FEWEST, INFLATION, find_loop, find_twins, spacing_of
 from mht_slam.incremental.past import Committed, Sighted, commit, merged, recentred, without
 
 KNOWN_LOG_RANGE = 0.1
@@ -93,7 +93,7 @@ def loops_closed(
             return past, branches
         names = zip(past.ids[loop.new].tolist(), past.ids[loop.old].tolist(), strict=True)
         renamed = dict(names)
-        before, sigma = past.mean[3:6], LOOP_SIGMA * spacing_of(past.points[loop.new])
+        before, sigma = past.mean[3:6], LOOP_SIGMA * spacing_of(past.points)
         past = merged(past, loop.new, loop.old, sigma)
         history.renamed.update(renamed)
         history.loops.append((scan, len(renamed), loop.log_odds))
@@ -119,7 +119,8 @@ def active_landmarks(
     unseen_for = scan - past.last_seen
     out_of_sight = unseen_for > config.lag
     if out_of_sight.any():
-        spacing = spacing_of(past.points[past.first_seen > scan - config.loop_scans])
+        recent = past.first_seen > scan - config.loop_scans
+        spacing = spacing_of(past.points[recent] if recent.sum() >= FEWEST else past.points)
         inflation = INFLATION * (1.0 + unseen_for / config.loop_scans)
         unsure = inflation * past.deviations_from_robot() > config.familiar * spacing
         away[out_of_sight & unsure] = np.inf

@@ -126,7 +126,8 @@ def _step_factors(steps: Sequence[Step], poses: FloatArray) -> list[gtsam.Nonlin
     """Return the motion factors, log-normal step priors linearised about (m, 3) poses."""
     if not steps:
         return []
-    noise = gtsam.noiseModel.Isotropic.Sigma(3, FRAME_SIGMA)
+    heading_sigma = 1.0 / steps[0].parameters[11]
+    noise = gtsam.noiseModel.Diagonal.Sigmas([FRAME_SIGMA, FRAME_SIGMA, heading_sigma])
     result: list[gtsam.NonlinearFactor] = [gtsam.PriorFactorPose2(X(0), gtsam.Pose2(), noise)]
     for k in range(1, len(steps)):
         kind, p = steps[k].kind, steps[k].parameters.tolist()

@@ -240,7 +240,7 @@ def test_the_marginal_of_some_is_the_inverse_of_their_covariance() -> None:
 
 def test_many_commits_keep_the_covariance_positive_and_symmetric() -> None:
     rng = np.random.default_rng(1)
-    past = nothing_committed(0.0)
+    past = nothing_committed()
     points = np.array([[20.0, 6.0], [40.0, -5.0], [60.0, 4.0]])
     parameters = np.zeros(12)
     parameters[:3] = 1.0, 0.0, 0.0
