@@ -14,7 +14,7 @@ export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test fuzz lint format types docs wheel-check bench bench-check bench-calibration bench-peers bench-paper bench-ranking bench-three-scans bench-throughput lock clean
+.PHONY: help venv demo test fuzz lint format types docs wheel-check bench bench-check bench-calibration bench-drives bench-incremental bench-peers bench-paper bench-ranking bench-three-scans bench-throughput lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  %-18s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -85,6 +85,13 @@ bench-peers: $(PEERS)/.installed ## peers by others on the same scenes: ten minu
 
 bench-paper: $(STAMP) ## the paper's experiment: figures, tables, and which of its claims hold: minutes
 	$(BIN)/python benchmarks/paper/paper_experiment.py --workers $(JOBS)
+
+bench-drives: $(STAMP) ## whole drives, ceilings and baselines (needs the recordings), goes on where it was
+	$(BIN)/python benchmarks/recordings/drives.py --workers $(JOBS)
+
+bench-incremental: $(STAMP) ## cost of a scan on an idle machine, and parameter draws (needs the recordings)
+	$(BIN)/python benchmarks/incremental/cost.py
+	$(BIN)/python benchmarks/incremental/parameter_draws.py --workers $(JOBS)
 
 bench-ranking: $(STAMP) ## exact ranking against exhaustive: half an hour, goes on where it was
 	$(BIN)/python benchmarks/ranking/exact_against_exhaustive.py
