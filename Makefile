@@ -90,8 +90,8 @@ bench-drives: $(STAMP) ## whole drives, ceilings and baselines (needs the record
 	$(BIN)/python benchmarks/recordings/drives.py --workers $(JOBS)
 
 bench-incremental: $(STAMP) ## cost of a scan on an idle machine, and parameter draws (needs the recordings)
-	$(BIN)/python benchmarks/incremental/cost.py
-	$(BIN)/python benchmarks/incremental/parameter_draws.py --workers $(JOBS)
+	$(BIN)/python benchmarks/recordings/incremental_cost.py
+	$(BIN)/python benchmarks/recordings/parameter_draws.py --workers $(JOBS)
 
 bench-ranking: $(STAMP) ## exact ranking against exhaustive: half an hour, goes on where it was
 	$(BIN)/python benchmarks/ranking/exact_against_exhaustive.py

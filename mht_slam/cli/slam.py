@@ -43,18 +43,22 @@ class EstimatorOptions:
     )
     hypotheses: int = SlamConfig.hypotheses
     """Global hypotheses kept from scan to scan."""
+    start_hypotheses: int = SlamConfig.start_hypotheses
+    """As many while the first scans are open: before there is a map, much is possible."""
     lag: int = SlamConfig.lag
     """Scans whose associations are open; older ones are settled as the best hypothesis says."""
     drop: float = SlamConfig.drop
     """Hypotheses this many nats below the best are dropped."""
     pair_within: int = SlamConfig.pair_within
-    """Scans that may lie between the first and the second detection of a landmark."""
+    """Scans from the first to the second detection of a landmark, at most."""
     sight: float | None = SlamConfig.sight
     """Range beyond which no detection is expected, metres or first steps; any range."""
     active: int = SlamConfig.active
-    """Landmarks of the settled map that a scan may see: the nearest ones."""
+    """Landmarks of the settled map, besides those of the open scans, that a scan may see."""
     loop_odds: float = SlamConfig.loop_odds
     """Nats of evidence that close a loop, from several landmarks together."""
+    twin_odds: float = SlamConfig.twin_odds
+    """Nats of evidence that make one landmark of two in one place."""
     loop_scans: int = SlamConfig.loop_scans
     """Scans over which that evidence is gathered."""
 

@@ -31,8 +31,8 @@ ARRIVING = 0.02
 robot's motion still brings others into view."""
 MOST_NODES = 2000
 """Steps of the depth-first search for the best matchings before Murty's ranking takes over."""
-NEAREST = 0.3
-"""Range tried for a landmark seen once, in lengths of the model."""
+NEAREST_BASELINES, NEAREST_METRES = 0.3, 0.03
+"""Shortest range tried for a landmark seen once, by the unit of the run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +209,7 @@ def predict(
             spreads,
             log_together,
             model.landmark_sigma,
-            NEAREST if model.motion != "odometry" else 0.1 * NEAREST,
+            NEAREST_METRES if model.motion == "odometry" else NEAREST_BASELINES,
             bearings,
             sigmas,
             dof,

@@ -29,11 +29,7 @@ from mht_slam.incremental.history import History, association_of
 from mht_slam.incremental.live import live_posterior, marginal_owners
 from mht_slam.incremental.monitor import Monitor, opened
 from mht_slam.incremental.motion_terms import STILL
-from mht_slam.incremental.past import (
-    Committed,
-    nothing_committed,
-    points_of,
-)
+from mht_slam.incremental.past import Committed, nothing_committed, points_of
 from mht_slam.incremental.slam_map import SlamMap
 from mht_slam.incremental.steps import Step, frame_step, next_step
 from mht_slam.incremental.whole_run import WholeRun, smooth_whole_run
@@ -230,13 +226,22 @@ class MultiHypothesisSlam:
         """The settled past: two poses and all landmarks of the map, with their covariance."""
         return self._past
 
-    def log_arrays(self) -> Iterator[FloatArray | IntArray]:
-        """Yield the arrays of the append-only log: all that grows with the run."""
+    def log_entries(self) -> Iterator[object]:
+        """Yield what the append-only log holds besides the scans' own bearings: what grows."""
         history = self._history
-        for part in (history.bearings, history.sigmas, history.owners, history.poses):
-            yield from part
+        yield history.bearings
+        for entries in (
+            history.sigmas,
+            history.owners,
+            history.poses,
+            history.steps,
+            history.times,
+        ):
+            yield entries
+            yield from entries
         for step in history.steps:
             yield step.parameters
+            yield vars(step)
 
     def save(self, path: str | Path) -> None:
         """Write everything to a file, from which `load` goes on to the same results.
@@ -268,9 +273,11 @@ class MultiHypothesisSlam:
                 f"scan {number} has labels: the incremental estimator knows no identities, leave "
                 "them out, or solve the run as a whole"
             )
+        if scan.time is None:
+            return
         known = (time for time in reversed(self._history.times) if not math.isnan(time))
         last = next(known, -math.inf)
-        if scan.time is not None and scan.time <= last:
+        if scan.time <= last:
             raise MeasurementError(
                 f"scan {number} has time {scan.time:g}, the scan before {last:g}: leave out "
                 "scans that come late or twice"

@@ -24,7 +24,7 @@ class History:
     steps : before each scan.
     owners : for each committed scan the landmark of each detection, -1 for one on its own, with
         the names of the time; loops rename landmarks later.
-    poses : (3,) of each committed scan, as the filter knew it when it was committed.
+    poses : (3,) of each committed scan, as its window had smoothed it when it was committed.
     renamed : landmarks that turned out to be others.
     loops : (scan, landmarks recognised, log odds) of every loop closed.
     """

@@ -89,7 +89,7 @@ def find_loop(
     if len(rows) < FEWEST:
         return None
     seeds = _seeds(points, new[rows], old[columns], spacing)
-    found: list[tuple[float, IntArray, IntArray]] = []
+    found: list[tuple[float, IntArray, IntArray, bool]] = []
     known: set[bytes] = set()
     for one, two in seeds:
         pairs = _inliers(points, new, old, near, (rows, columns), (one, two), spacing)
@@ -100,14 +100,13 @@ def find_loop(
             continue
         known.add(key)
         log_odds = _log_odds(points, cross, new, old, pairs, spacing)
-        found.append((log_odds, *pairs))
-    clean: set[int] = set()
+        found.append((log_odds, *pairs, False))
     while found:
         found.sort(key=lambda entry: -entry[0])
-        log_odds, first, second = found[0]
+        log_odds, first, second, checked = found[0]
         if log_odds < threshold:
             return None
-        if id(first) in clean:
+        if checked:
             break
         numbers = zip(past.ids[new[first]].tolist(), past.ids[old[second]].tolist(), strict=True)
         apart = np.array([seen_apart(one, other) is not None for one, other in numbers])
@@ -117,12 +116,11 @@ def find_loop(
             continue
         if not apart.all():  # two landmarks are no pair: what is left has to earn the odds
             log_odds = _log_odds(points, cross, new, old, (first, second), spacing)
-        clean.add(id(first))
-        found[0] = (log_odds, first, second)
+        found[0] = (log_odds, first, second, True)
     else:
         return None
     mine = set(zip(first.tolist(), second.tolist(), strict=True))
-    for other, a, b in found[1:]:
+    for other, a, b, _ in found[1:]:
         theirs = set(zip(a.tolist(), b.tolist(), strict=True))
         if len(theirs & mine) <= len(theirs) // 2 and other > log_odds - 0.5 * threshold:
             return None

@@ -29,7 +29,8 @@ class Monitor:
 
     False alarms and landmarks seen once stay unexplained in good times too, but they are few. A
     robot that has lost itself predicts every landmark elsewhere, so that nearly all detections
-    match neither the map nor each other.
+    match neither the map nor each other. Only open scans are judged: with a `SlamConfig.lag` of
+    `FRESH` or less nobody is ever lost.
     """
 
     is_lost: bool = False

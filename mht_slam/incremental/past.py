@@ -36,7 +36,7 @@ class Committed:
     ids : (n,) numbers of the landmarks, in the order in which they were settled.
     centres : (n, 2).
     visible : (n,) chance that a landmark out of the window is in view.
-    first_seen, last_seen : (n,) scans.
+    first_seen, last_seen : (n,) committed scans: the one that settled it, the last that saw it.
     sightings : (n,) how many committed scans saw it.
     """
 
@@ -141,7 +141,6 @@ def recentred(past: Committed, certain: float) -> Committed:
     About a centre that is far behind a landmark, direction and log range are Cartesian coordinates
     up to scale: what corrects the map from then on moves the landmark along straight lines.
     """
-    n = len(past.ids)
     deviations = np.sqrt(np.diag(past.covariance)[7::2])
     reach = np.exp(past.places[:, 1])
     chosen = np.flatnonzero((deviations < certain) & (reach < 0.5 * FAR_CENTRE))
@@ -161,7 +160,7 @@ def recentred(past: Committed, certain: float) -> Committed:
         covariance[:, at] = covariance[:, at] @ block.T
     return replace(
         past,
-        mean=np.concatenate([past.mean[:6], places.ravel()]) if n else past.mean,
+        mean=np.concatenate([past.mean[:6], places.ravel()]),
         covariance=covariance,
         centres=centres,
     )

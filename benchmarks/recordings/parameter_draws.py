@@ -1,12 +1,12 @@
 """Is the estimator a lottery: the whole DLR recording under parameters drawn about the default.
 
-    python benchmarks/incremental/parameter_draws.py [--output DIR] [--draws N] [--workers N]
+    python benchmarks/recordings/parameter_draws.py [--output DIR] [--draws N] [--workers N]
 
 Draw 0 is the default. In every other draw each number of the model is multiplied by a factor of its
 own, log-uniform between 1/1.3 and 1.3, and each chance p has its odds multiplied so. Reported are
 F1 over same-landmark pairs, the position error after alignment with scale (smoothed and online),
-and F1 within windows of 100 scans. Rows are added as they come; a second call
-goes on with those of the same models: start in an empty folder after the estimator has changed.
+and F1 within windows of 100 scans. Rows are added as they come; a second call goes on with those of
+the same models and the same estimator.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from cost import CAMERA
+from contenders import code_version
+from drive_sets import MODELS, WINDOW
 
 import mht_slam as ms
 from mht_slam.datasets import dlr_drive
@@ -30,11 +31,21 @@ from mht_slam.evaluation.agreement import pair_counts, pooled
 from mht_slam.evaluation.trajectories import trajectory_errors
 from mht_slam.models import ObservationModel
 
+CAMERA = MODELS["dlr"]
 SPREAD = 1.3
 NUMBERS = ("sigma", "landmark_sigma", "false_alarm_rate", "expected_landmarks", "bearing_dof")
 CHANCES = ("detection_probability", "stay_probability")
-WINDOW = 100
-COLUMNS = ("draw", "f1", "f1_in_windows", "least_window", "position_error", "online_error", "model")
+CODE = code_version(("mht_slam.incremental", "mht_slam.datasets"))
+COLUMNS = (
+    "code",
+    "draw",
+    "f1",
+    "f1_in_windows",
+    "least_window",
+    "position_error",
+    "online_error",
+    "model",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -42,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parse(arguments)
     options.output.mkdir(parents=True, exist_ok=True)
     path = options.output / "rows.csv"
-    rows = [row for row in _read(path) if row["model"] == drawn(int(row["draw"])).describe()]
+    rows = [row for row in _read(path) if row.get("code") == CODE and _is_of_its_draw(row)]
     done = {row["draw"] for row in rows}
     missing = [draw for draw in range(options.draws + 1) if str(draw) not in done]
     try:
@@ -58,6 +69,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     (options.output / "summary.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))
     return 0
+
+
+def _is_of_its_draw(row: dict[str, str]) -> bool:
+    return row["model"] == drawn(int(row["draw"])).describe()
 
 
 def drawn(draw: int) -> ObservationModel:
@@ -94,7 +109,7 @@ def result_of(draw: int) -> dict[str, str]:
         smoothed.position,
         online.position,
     )
-    cells = [str(draw), *(f"{figure:.4f}" for figure in figures), model.describe()]
+    cells = [CODE, str(draw), *(f"{figure:.4f}" for figure in figures), model.describe()]
     return dict(zip(COLUMNS, cells, strict=True))
 
 
@@ -103,9 +118,9 @@ def _table(rows: Sequence[dict[str, str]]) -> Iterator[str]:
     yield "|---|---|---|---|---|---|"
     for row in rows:
         name = "default" if row["draw"] == "0" else row["draw"]
-        figures = [f"{float(row[column]):.3f}" for column in COLUMNS[1:6]]
+        figures = [f"{float(row[column]):.3f}" for column in COLUMNS[2:7]]
         yield "| " + " | ".join([name, *figures]) + " |"
-    columns = [[float(row[column]) for row in rows] for column in COLUMNS[1:6]]
+    columns = [[float(row[column]) for row in rows] for column in COLUMNS[2:7]]
     yield "| median | " + " | ".join(f"{np.median(column):.3f}" for column in columns) + " |"
     worst = [min(columns[0]), min(columns[1]), min(columns[2]), max(columns[3]), max(columns[4])]
     yield "| worst | " + " | ".join(f"{figure:.3f}" for figure in worst) + " |"
