@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mht_slam.evaluation.bench.jobs import CANDIDATES
 from mht_slam.evaluation.bench.methods import CEILINGS, GRAPH_EVIDENCE, ORDER_KEEPING, POLYGON
 from mht_slam.evaluation.bench.summary import Agreement, Summary, rate_text
 from mht_slam.evaluation.bench.tables import forecast_of
@@ -25,6 +26,7 @@ CERTAIN = (ORDER_KEEPING, "nearest bearing")
 _LIKELIHOOD = "graph likelihood"
 _LIKELIHOOD_STYLE: dict[str, object] = {"color": "#7a7a7a", "marker": "v", "linestyle": "-."}
 _SIDESTEP = 0.008
+_WORK = {CANDIDATES: "finding the candidates"}
 
 
 def reliability_figure(summary: Summary) -> Captioned | None:
@@ -73,15 +75,22 @@ def agreement_figure(summary: Summary) -> Captioned | None:
         ("neither", "neither_right", "0.85", "//"),
     )
     for label, field, tone, hatch in parts:
-        counts = np.array([getattr(row, field) for row in found], dtype=np.float64)
-        right.barh(places, counts, left=start, color=tone, hatch=hatch, edgecolor=INK,
+        shares = np.array([getattr(row, field) / row.scenes for row in found])
+        right.barh(places, shares, left=start, color=tone, hatch=hatch, edgecolor=INK,
                    linewidth=0.6, height=0.6, label=label)  # fmt: skip
-        start += counts
-    right.set_xlabel("scenes where they name\ndifferent associations")
-    right.set_xlim(0.0, max(1.0, 1.05 * float(start.max())))
+        start += shares
+    low, high = (np.array([1.0 - getattr(row.same_first, end) for row in found])
+                 for end in ("high", "low"))  # fmt: skip
+    right.errorbar(start, places, xerr=np.maximum([start - low, high - start], 0.0),
+                   linestyle="none", color=TRUTH_TONE, elinewidth=0.9)  # fmt: skip
+    right.set_xlabel("share of scenes where they name\ndifferent associations, 95 % interval")
+    right.set_xlim(0.0, 1.02)
+    right.grid(axis="x", alpha=0.3)
     left.set_yticks(places, [f"{row.cell} ({row.scenes})" for row in found])
+    left.set_ylim(-0.7, len(found) - 0.3)
     left.tick_params(axis="y", labelsize=8)
-    figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=3,
+    bars = right.containers[: len(parts)]
+    figure.legend(bars, [label for label, *_ in parts], loc="outside lower center", ncols=3,
                   frameon=False)  # fmt: skip
     return Captioned(
         "Where polygon score and graph evidence differ", figure, _agreement_caption(found[-1])
@@ -104,7 +113,7 @@ def times_figure(summary: Summary) -> Captioned:
     axes.errorbar(middle, places, xerr=errors, linestyle="none", marker="o", color=INK,
                   markersize=4.5, elinewidth=0.9)  # fmt: skip
     axes.set_xscale("log")
-    axes.set_yticks(places, list(quartiles))
+    axes.set_yticks(places, [_WORK.get(name, name) for name in quartiles])
     axes.set_xlabel("time on one scene, ms: median, and the range of half of the scenes")
     axes.grid(axis="x", alpha=0.3)
     return Captioned("Time", figure, _times_caption(quartiles))
@@ -152,7 +161,7 @@ def _reliability_caption(summary: Summary, shown: Sequence[str]) -> str:
                 f"{_capital(row.method)}: calibration error of first answers "
                 f"{calibration.error:.3f}, "
                 f"chance alone {calibration.of_chance:.3f} ({verdict}), "
-                f"log score {row.log_score:.2f}."
+                f"log score {row.log_score:.2f} nats."
             )
     if words:
         words.append(f"Bins with fewer than {FEWEST} candidates are left out.")
@@ -162,36 +171,41 @@ def _reliability_caption(summary: Summary, shown: Sequence[str]) -> str:
 def _agreement_caption(row: Agreement) -> str:
     apart = row.polygon_right + row.graph_right + row.neither_right
     tau = "" if row.tau is None else f", mean tau-b {rate_text(row.tau)}"
-    words = (
+    words = [
         f"{_capital(POLYGON)} and {GRAPH_EVIDENCE} name the same association in "
         f"{rate_text(row.same_first)} of {row.scenes} scenes{tau}."
+    ]
+    if apart:
+        if row.mcnemar_p >= 0.05:
+            verdict = "which is no evidence that either is right more often"
+        elif row.graph_right > row.polygon_right:
+            verdict = "so the graph is right more often"
+        else:
+            verdict = "so the polygons are right more often"
+        words.append(
+            f"Of the other {apart}, the polygons alone are right in {row.polygon_right}, the "
+            f"graph alone in {row.graph_right} and neither in {row.neither_right}: {verdict} "
+            f"(McNemar p = {row.mcnemar_p:.2g})."
+        )
+    words.append(
+        "In brackets: scenes that both answered. A cell has no tau where the two never list the "
+        "same two associations."
     )
-    if not apart:
-        return words
-    if row.mcnemar_p >= 0.05:
-        verdict = "which is no evidence that either is right more often"
-    elif row.graph_right > row.polygon_right:
-        verdict = "so the graph is right more often"
-    else:
-        verdict = "so the polygons are right more often"
-    return (
-        f"{words} Of the other {apart}, the polygons alone are right in {row.polygon_right}, the "
-        f"graph alone in {row.graph_right} and neither in {row.neither_right}: {verdict} "
-        f"(McNemar p = {row.mcnemar_p:.2g})."
-    )
+    return " ".join(words)
 
 
 def _times_caption(quartiles: dict[str, np.ndarray]) -> str:
     middle = {name: float(q[1]) for name, q in quartiles.items()}
     slowest, quickest = max(middle, key=middle.__getitem__), min(middle, key=middle.__getitem__)
     words = (
-        f"The slowest at the median is {slowest} with {middle[slowest]:.3g} ms, the quickest "
-        f"{quickest} with {middle[quickest]:.2g} ms."
+        f"What takes longest at the median is {_WORK.get(slowest, slowest)} with "
+        f"{middle[slowest]:.3g} ms; the quickest is {_WORK.get(quickest, quickest)} with "
+        f"{middle[quickest]:.2g} ms."
     )
     if POLYGON in middle and GRAPH_EVIDENCE in middle:
         ratio = middle[GRAPH_EVIDENCE] / middle[POLYGON]
         words += f" The graph evidence takes {ratio:.2g} times as long as {POLYGON}"
-        words += ", candidates aside." if "candidates" in middle else "."
+        words += ", candidates aside." if CANDIDATES in middle else "."
     return words
 
 

@@ -97,7 +97,7 @@ def noise_figure(summary: Summary) -> Captioned | None:
         _draw_against_noise(axes, rows, cells, summary.outcome.methods)
         axes.set_title(title, fontsize=9)
     for axes in grid[:, 0]:
-        axes.set_ylabel("share exactly right")
+        axes.set_ylabel("share exactly right,\n95 % interval")
     handles = {
         label: handle
         for axes in grid.flat
@@ -220,7 +220,8 @@ def difference_words(row: MethodSummary) -> str:
 def _noise_caption(
     rows: Sequence[MethodSummary], panels: dict[str, list[tuple[float, str]]]
 ) -> str:
-    exact = {(row.cell, row.method): row.exact.estimate for row in rows}
+    by_name = {(row.cell, row.method): row for row in rows}
+    exact = {key: row.exact.estimate for key, row in by_name.items()}
     ends = [(cells[0][1], cells[-1][1]) for cells in panels.values()]
     words = []
     for name in (GRAPH_EVIDENCE, POLYGON, ORDER_KEEPING):
@@ -230,15 +231,14 @@ def _noise_caption(
             least, most = np.mean(both, axis=0).tolist()
             words.append(f"{name} {least:.2f} to {most:.2f}")
     text = f"From least to most noise, mean over {len(ends)} panels: {', '.join(words)}."
-    apart = [
-        exact[cell, GRAPH_EVIDENCE] - exact[cell, ORDER_KEEPING]
-        for _, cell in ends
-        if (cell, GRAPH_EVIDENCE) in exact and (cell, ORDER_KEEPING) in exact
-    ]
+    graphs = [by_name[cell, GRAPH_EVIDENCE] for _, cell in ends if (cell, GRAPH_EVIDENCE) in exact]
+    apart = [d for d in (row.minus_order_keeping for row in graphs) if d is not None]
     if apart:
-        ahead, behind = sum(d > 0.0 for d in apart), sum(d < 0.0 for d in apart)
+        ahead, behind = sum(d.estimate > 0.0 for d in apart), sum(d.estimate < 0.0 for d in apart)
+        clear = sum(d.low > 0.0 or d.high < 0.0 for d in apart)
         text += (
             f" At the most noise the graph evidence is ahead of order-keeping in {ahead} panels "
-            f"and behind it in {behind}."
+            f"and behind it in {behind}, by more than the 95 % interval of the paired difference "
+            f"in {clear}."
         )
     return text

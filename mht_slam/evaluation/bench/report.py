@@ -62,12 +62,13 @@ def html_report(
 
 
 STYLE = (
-    "body{font-family:system-ui,sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;"
+    "body{font-family:system-ui,sans-serif;max-width:80rem;margin:2rem auto;padding:0 1rem;"
     "line-height:1.45;color:#111;background:#fff}"
     "figure{margin:2rem 0}svg{max-width:100%;height:auto}figcaption{max-width:50rem}"
-    ".wide{overflow-x:auto}table{border-collapse:collapse;font-size:.85rem;margin:.8rem 0}"
-    "th,td{border:1px solid #bbb;padding:.2rem .5rem;text-align:left;"
+    ".wide{overflow-x:auto}table{border-collapse:collapse;font-size:.8rem;margin:.8rem 0}"
+    "th,td{border:1px solid #bbb;padding:.2rem .4rem;text-align:left;white-space:nowrap;"
     "font-variant-numeric:tabular-nums}th{background:#eee}"
+    "td:last-child{white-space:normal;min-width:8rem}"
 )
 
 

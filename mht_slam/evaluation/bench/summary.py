@@ -127,13 +127,13 @@ def summarise(outcome: Outcome) -> Summary:
 
 
 def markdown(summary: Summary) -> str:
-    """Return the summary's tables as Markdown; the same bytes for the same results."""
+    """Return the summary's tables as Markdown, all cells first; the same bytes every time."""
     rows = summary.methods
     lines = [
         "Rates with 95 % Wilson intervals, differences with 95 % paired bootstrap intervals.",
         "A failure counts as a miss. Ceilings know more than a method may.",
     ]
-    for cell in dict.fromkeys(row.cell for row in rows):
+    for cell in sorted(dict.fromkeys(row.cell for row in rows), key=lambda cell: cell != ALL):
         own = [row for row in rows if row.cell == cell]
         lines += ["", f"## {cell}", "", *_table(METHOD_TITLES, [_method_cells(r) for r in own])]
         lines += ["", *_table(PROBABILITY_TITLES, [_probability_cells(r) for r in own])]

@@ -74,12 +74,12 @@ class Cell:
     def name(self) -> str:
         """What the cell is and which prior judges it, for a reader; angles in degrees."""
         epsilon, sigma = math.degrees(self.epsilon), math.degrees(self.sigma)
-        size = f"epsilon {epsilon:g}" if self.noise == "uniform" else f"sigma {sigma:g}"
+        size = f"epsilon {epsilon:.4g}" if self.noise == "uniform" else f"sigma {sigma:.4g}"
         parts = [f"{self.kind} n={self.landmarks}", f"{self.noise} {size} deg"]
         parts += [f"{self.n_scans} scans"] if self.n_scans != MIN_RUN_SCANS else []
         parts += [f"step {self.step:g}"] if self.step is not None else []
         parts += (
-            [f"headings {math.degrees(self.heading_sigma):g} deg"] if self.heading_sigma else []
+            [f"headings {math.degrees(self.heading_sigma):.4g} deg"] if self.heading_sigma else []
         )
         if self.has_clutter:
             parts.append(

@@ -112,6 +112,16 @@ def test_every_axis_that_has_numbers_says_its_unit(summary: Summary) -> None:
                 assert re.search(r"share|deg|ms|tau|scenes", axes.get_xlabel())
 
 
+def test_every_axis_of_rates_names_its_interval(summary: Summary) -> None:
+    sides = made_up(summary.outcome, {POLYGON: [True, False], GRAPH_EVIDENCE: [False, True]})
+    for drawn in (exact_rates_figure(summary), noise_figure(summary), agreement_figure(sides)):
+        assert drawn is not None
+        labels = [axes.get_xlabel() + axes.get_ylabel() for axes in drawn.figure.axes]
+        rates = [label for label in labels if "share" in label]
+        assert rates
+        assert all("95 % interval" in label for label in rates)
+
+
 def verdict(method: str, right: bool) -> Verdict:
     return Verdict(
         method=method, failure=None, listed=2, rank=1 if right else 2, f1=1.0,
@@ -159,6 +169,31 @@ def test_the_caption_of_disagreement_names_who_is_right(summary: Summary) -> Non
         drawn = agreement_figure(made_up(summary.outcome, right))
         assert drawn is not None
         assert words in drawn.caption
+
+
+def test_bars_of_disagreement_are_shares_of_the_scenes_both_answered(summary: Summary) -> None:
+    right = {POLYGON: [True] * 4 + [False], GRAPH_EVIDENCE: [True] * 3 + [False, True]}
+    drawn = agreement_figure(made_up(summary.outcome, right))
+    assert drawn is not None
+    bars = drawn.figure.axes[1].patches
+    assert [bar.get_width() for bar in bars] == pytest.approx([0.2, 0.2, 0.0])
+
+
+def test_the_caption_against_noise_counts_what_is_beyond_chance(summary: Summary) -> None:
+    source, other = summary.outcome.sources[:2]
+    graph = {ORDER_KEEPING: [False] * 12, GRAPH_EVIDENCE: [True] * 12}
+    even = {ORDER_KEEPING: [True] * 12, GRAPH_EVIDENCE: [True] * 12}
+    for at_most_noise, words in ((graph, "difference in 1."), (even, "difference in 0.")):
+        parts = [made_up(summary.outcome, even), made_up(summary.outcome, at_most_noise)]
+        results = [
+            replace(result, source=where.key)
+            for part, where in zip(parts, (source, other), strict=True)
+            for result in part.outcome.results
+        ]
+        methods = (ORDER_KEEPING, GRAPH_EVIDENCE)
+        drawn = noise_figure(summarise(Outcome((source, other), methods, tuple(results), ())))
+        assert drawn is not None
+        assert drawn.caption.endswith(words)
 
 
 def test_a_table_cell_may_hold_a_bar(summary: Summary) -> None:

@@ -163,6 +163,12 @@ def test_where_polygons_and_graph_disagree_it_is_counted_who_is_right(outcome: O
     assert POLYGON in markdown(summary)
 
 
+def test_all_cells_together_come_before_each(outcome: Outcome) -> None:
+    lines = markdown(summarise(outcome)).splitlines()
+    heads = [line.removeprefix("## ") for line in lines if line.startswith("## ")]
+    assert heads == [ALL, *(source.name for source in outcome.sources)]
+
+
 def test_times_stand_in_a_table_of_their_own(outcome: Outcome) -> None:
     rows = time_rows(made_up(outcome, [[verdict("m", right=True)]] * 3))
     assert [(row["method"], row["scenes"], row["median_ms"]) for row in rows] == [("m", 3, 1500.0)]
