@@ -127,9 +127,25 @@ def test_every_entry_is_missed(saved: Path, tmp_path: Path) -> None:
         refused(with_told(saved, tmp_path / "less.npz", **{name: ...}))
 
 
-@pytest.mark.parametrize("version", [0, 1, "2", None])
+@pytest.mark.parametrize("version", [0, checkpoint.VERSION - 1, checkpoint.VERSION + 1, "2", None])
 def test_another_version_is_named(saved: Path, tmp_path: Path, version: Any) -> None:
-    assert "version" in refused(with_told(saved, tmp_path / "other.npz", version=version))
+    """Older or newer, before anything else of it is read."""
+    changes = {"version": version, "config": "of another shape"}
+    message = refused(with_told(saved, tmp_path / "other.npz", **changes))
+    assert f"version {version} of the checkpoint, this is {checkpoint.VERSION}" in message
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("tail", [0, 2])
+def test_names_that_lead_round_in_a_circle_are_refused(
+    saved: Path, tmp_path: Path, n: int, tail: int
+) -> None:
+    """Whoever followed them would never come back; a chain that ends is taken."""
+    chain = [[number, number + 1] for number in range(100, 100 + tail + n)]
+    ends = with_told(saved, tmp_path / "ends.npz", renamed=chain)
+    assert ms.MultiHypothesisSlam.load(ends)._history.name(100) == 100 + tail + n
+    circle = [*chain[:-1], [chain[-1][0], 100 + tail]]
+    assert "damaged" in refused(with_told(saved, tmp_path / "circle.npz", renamed=circle))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from mht_slam.arrays import FloatArray
 from mht_slam.incremental.config import SlamConfig
 from mht_slam.incremental.loops import Loop, find_loop, find_twins, spacing_of
-from mht_slam.incremental.past import FAR_CENTRE, Committed, places_of
+from mht_slam.incremental.past import FAR_CENTRE, Committed, places_of, without
 
 ODDS = SlamConfig().loop_odds
 RECENT = 100
@@ -148,6 +148,32 @@ def test_a_pair_that_an_open_scan_sees_together_is_left_out() -> None:
     assert loop is not None
     assert sorted(loop.old.tolist()) == [0, 1, 2, 4, 5, 6, 7]
     assert find_loop(past, RECENT, ODDS, lambda *_: None) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_left_without_contradicted_pairs_has_to_earn_the_odds(seed: int) -> None:
+    """As if the old landmarks of those pairs were not there."""
+    rng = np.random.default_rng(seed)
+    old = scattered(rng, 25, 16.0)
+    again = rng.permutation(25)[:9]
+    past = past_of(old, drifted(old[again], DRIFT), SIGMAS, 0.05)
+    whole = find_loop(past, RECENT, ODDS, never_together)
+    assert whole is not None
+    for count in (1, 3, 4):
+        together = set(again[:count].tolist())
+
+        def apart(one: int, other: int, together: set[int] = together) -> int | None:
+            return None if together & {one, other} else 0
+
+        left = find_loop(past, RECENT, 0.1, apart)
+        expected = find_loop(without(past, again[:count]), RECENT, 0.1, never_together)
+        assert left is not None
+        assert expected is not None
+        assert sorted(past.ids[left.old].tolist()) == sorted(again[count:].tolist())
+        assert left.log_odds == pytest.approx(expected.log_odds)
+        assert left.log_odds < whole.log_odds - count
+        assert find_loop(past, RECENT, left.log_odds - 1e-6, apart) is not None
+        assert find_loop(past, RECENT, left.log_odds + 1e-6, apart) is None
 
 
 @pytest.mark.parametrize("n", [0, 1, 3])
