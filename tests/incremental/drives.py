@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 
 import mht_slam as ms
+from mht_slam.arrays import FloatArray
 from mht_slam.datasets.drive import Drive
 from mht_slam.incremental.config import SlamConfig
+from mht_slam.incremental.motion_terms import motion_terms
 from mht_slam.simulation.drives import DriveKind, OdometryNoise, simulate_drive
 
 
@@ -55,6 +57,18 @@ def passing(kind: DriveKind, n_scans: int = 24) -> tuple[list[ms.BearingScan], m
         scans.append(ms.BearingScan(np.arctan2(*away[seen].T[::-1]) - theta, odometry=step))
         labels.append(seen.tolist())
     return scans, ms.Association.from_labels(labels)
+
+
+ROW = np.array([[3.0, 2.0], [4.0, -2.5], [6.0, 3.5], [8.0, -2.0], [11.0, 2.5]])
+
+
+def along_a_row(last: int, first: int = 0) -> list[ms.BearingScan]:
+    """Scans on a straight way past `ROW`, without noise."""
+    away = [ROW - [0.9 * k, 0.0] for k in range(first, last)]
+    return [
+        ms.BearingScan(np.arctan2(*points.T[::-1]), time=float(k))
+        for k, points in enumerate(away, first)
+    ]
 
 
 def config_for(kind: DriveKind, sigma: float = math.radians(0.5), **options: Any) -> SlamConfig:
@@ -115,3 +129,12 @@ def check_sound(slam: ms.MultiHypothesisSlam) -> None:
         for owner in branch.owners:
             named = owner[owner >= 0].tolist()
             assert len(set(named)) == len(named), "two detections of one scan are one landmark"
+
+
+def terms(
+    kind: int, parameters: FloatArray, poses: Sequence[FloatArray] | FloatArray
+) -> tuple[float, FloatArray, FloatArray]:
+    """Log volume, residual and derivatives of the step between the last two of three poses."""
+    residual, jacobian = np.empty(3), np.empty((3, 9))
+    volume = motion_terms(kind, parameters, *poses, residual, jacobian)
+    return volume, residual, jacobian

@@ -11,15 +11,7 @@ import mht_slam as ms
 from mht_slam.incremental.branch import Branch, carried_along, rearranged
 from mht_slam.incremental.past import points_of
 
-LANDMARKS = np.array([[3.0, 2.0], [4.0, -2.5], [6.0, 3.5], [8.0, -2.0]])
-
-
-def drive(config: ms.SlamConfig, scans: int) -> ms.MultiHypothesisSlam:
-    slam = ms.MultiHypothesisSlam(config)
-    for k in range(scans):
-        away = LANDMARKS - [0.9 * k, 0.0]
-        slam.update(ms.BearingScan(np.arctan2(away[:, 1], away[:, 0])))
-    return slam
+from .drives import along_a_row, fed
 
 
 def sighted(branch: Branch) -> set[tuple[int, int, float]]:
@@ -33,7 +25,7 @@ def sighted(branch: Branch) -> set[tuple[int, int, float]]:
 
 
 def test_a_window_that_moves_on_forgets_the_oldest_scan_only() -> None:
-    slam = drive(ms.SlamConfig(lag=5), 8)
+    slam = fed(ms.SlamConfig(lag=5), along_a_row(8))
     for branch in slam._branches:
         moved = rearranged(branch, slam._window, slam._past)  # as if the window moved once more
         open_owners = branch.owners[1:]
@@ -52,7 +44,7 @@ def test_a_window_that_moves_on_forgets_the_oldest_scan_only() -> None:
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, -3.0])
 def test_carried_along_a_branch_sees_the_same_bearings(turn: float) -> None:
-    slam = drive(ms.SlamConfig(lag=4), 7)
+    slam = fed(ms.SlamConfig(lag=4), along_a_row(7))
     branch = slam._branches[0]
     before = branch.poses[1]
     after = before + np.array([2.0, -1.0, turn])
@@ -72,7 +64,7 @@ def test_carried_along_a_branch_sees_the_same_bearings(turn: float) -> None:
 
 def test_a_landmark_that_turns_out_to_be_another_keeps_its_sightings() -> None:
     """Both names may be in the window: the old one stood close by before the loop was closed."""
-    slam = drive(ms.SlamConfig(lag=4), 8)
+    slam = fed(ms.SlamConfig(lag=4), along_a_row(8))
     branch = slam._branches[0]
     settled = slam._window.settled.tolist()
     assert len(settled) >= 2

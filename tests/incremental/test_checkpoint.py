@@ -17,24 +17,14 @@ import mht_slam as ms
 from mht_slam.errors import CheckpointError
 from mht_slam.incremental import checkpoint
 
-LANDMARKS = np.array([[3.0, 2.0], [4.0, -2.5], [6.0, 3.5], [8.0, -2.0], [11.0, 2.5]])
-
-
-def drive(slam: ms.MultiHypothesisSlam, first: int, last: int) -> ms.MultiHypothesisSlam:
-    for k in range(first, last):
-        away = LANDMARKS - [0.9 * k, 0.0]
-        slam.update(ms.BearingScan(np.arctan2(away[:, 1], away[:, 0]), time=float(k)))
-    return slam
+from .drives import along_a_row, fed
 
 
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("checkpoint") / "slam.npz"
-    drive(
-        ms.MultiHypothesisSlam(ms.SlamConfig(lag=4, sight=30.0, hypotheses=2, start_hypotheses=2)),
-        0,
-        7,
-    ).save(path)
+    config = ms.SlamConfig(lag=4, sight=30.0, hypotheses=2, start_hypotheses=2)
+    fed(config, along_a_row(7)).save(path)
     return path
 
 
@@ -57,13 +47,13 @@ def test_what_was_saved_is_what_is_loaded(saved: Path, tmp_path: Path) -> None:
 def test_the_youngest_estimators_are_saved_too(scans: int, tmp_path: Path) -> None:
     """Before the first scan, and while initialising."""
     path, other = tmp_path / "a.npz", tmp_path / "b.npz"
-    slam = drive(ms.MultiHypothesisSlam(), 0, scans)
+    slam = fed(ms.SlamConfig(), along_a_row(scans))
     slam.save(path)
     loaded = ms.MultiHypothesisSlam.load(path)
     assert loaded.n_scans == scans
     assert loaded.status == slam.status
-    drive(slam, scans, 8).save(path)
-    drive(loaded, scans, 8).save(other)
+    fed(slam, along_a_row(8, scans)).save(path)
+    fed(loaded, along_a_row(8, scans)).save(other)
     assert path.read_bytes() == other.read_bytes()
 
 
@@ -224,7 +214,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(
 ) -> None:
     path = tmp_path / "slam.npz"
     path.write_bytes(saved.read_bytes())
-    slam = drive(ms.MultiHypothesisSlam.load(path), 7, 8)
+    slam = fed(ms.MultiHypothesisSlam.load(path), along_a_row(8, 7))
     with monkeypatch.context() as patch:
         if what == "open":
             patch.setattr(Path, "open", fail)

@@ -7,8 +7,10 @@ import pytest
 
 from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.incremental.monitor import FRESH, OPENING, SCANS, Monitor, opened
-from mht_slam.incremental.motion_terms import ODOMETRY, SMOOTH, STILL, motion_terms
+from mht_slam.incremental.motion_terms import ODOMETRY, SMOOTH, STILL
 from mht_slam.incremental.steps import Step
+
+from .drives import terms
 
 
 def owners(unexplained: int, of: int = 10, scans: int = SCANS + FRESH) -> tuple[IntArray, ...]:
@@ -38,10 +40,8 @@ def test_the_newest_scans_and_few_detections_say_nothing() -> None:
 def test_an_opened_step_deviates_so_many_times_more(kind: int) -> None:
     parameters: FloatArray = np.array([1.0, 0.1, 0.2, *(np.eye(3) * 5.0).ravel()])
     poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.3, 0.4, 0.3]])
-    tight, wide = np.empty(3), np.empty(3)
-    motion_terms(kind, parameters, *poses, tight, np.empty((3, 9)))
-    step = opened(Step(kind, parameters))
-    motion_terms(kind, step.parameters, *poses, wide, np.empty((3, 9)))
+    _, tight, _ = terms(kind, parameters, poses)
+    _, wide, _ = terms(kind, opened(Step(kind, parameters)).parameters, poses)
     np.testing.assert_allclose(wide * OPENING, tight)
 
 

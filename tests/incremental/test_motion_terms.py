@@ -19,20 +19,13 @@ from mht_slam.incremental.motion_terms import (
     SMOOTH,
     STILL,
     STRAIGHT,
-    motion_terms,
     wrapped,
 )
 
+from .drives import terms
+
 KINDS = (ODOMETRY, SMOOTH, RESTART, STILL, STRAIGHT, FREE)
 SEEDS = st.integers(0, 2**32 - 1)
-
-
-def terms(
-    kind: int, parameters: FloatArray, poses: FloatArray
-) -> tuple[float, FloatArray, FloatArray]:
-    residual, jacobian = np.empty(3), np.empty((3, 9))
-    volume = motion_terms(kind, parameters, *poses, residual, jacobian)
-    return volume, residual, jacobian
 
 
 def draw(kind: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
