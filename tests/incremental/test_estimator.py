@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import mht_slam as ms
+from mht_slam.arrays import FloatArray
 from mht_slam.errors import MeasurementError
+from mht_slam.graph.standstill import standstills
 from mht_slam.incremental import associate
 from mht_slam.incremental.config import SlamConfig
+from mht_slam.incremental.motion_terms import STILL
 from mht_slam.simulation.drives import DriveKind, OdometryNoise, simulate_drive
 
 from .drives import check_sound, config_for, fed, noiseless, ordinary, passing, written
@@ -279,34 +283,61 @@ def test_scans_without_a_time_are_taken_in_between() -> None:
 
 
 def stopping(
-    n: int, still: range, odometry: bool
-) -> tuple[list[ms.BearingScan], np.ndarray[Any, Any]]:
-    """A drive past eight landmarks that stands still for some scans."""
+    steps: list[float], odometry: bool, sigma: float = math.radians(0.1)
+) -> tuple[list[ms.BearingScan], FloatArray]:
+    """A drive along x past eight landmarks, with its places; some steps may be none."""
     rng = np.random.default_rng(1)
-    landmarks = np.column_stack([np.linspace(1.0, n, 8), np.tile([3.0, -4.0], 4)])
-    x, scans, xs = 0.0, [], []
-    for k in range(n):
-        moved = 0.0 if k in still else 1.0
-        x += moved if k else 0.0
-        bearings = np.arctan2(landmarks[:, 1], landmarks[:, 0] - x)
+    landmarks = np.column_stack([np.linspace(1.0, sum(steps) + 6.0, 8), np.tile([3.0, -4.0], 4)])
+    xs, scans = np.cumsum([0.0, *steps]), []
+    for x, moved in zip(xs.tolist(), [0.0, *steps], strict=True):
+        bearings = np.arctan2(landmarks[:, 1], landmarks[:, 0] - x) + sigma * rng.normal(size=8)
         step = ms.Odometry(moved, 0.0, 0.0, [1e-4, 1e-4, 1e-5]) if odometry else None
-        scans.append(
-            ms.BearingScan(bearings + math.radians(0.1) * rng.normal(size=8), odometry=step)
-        )
-        xs.append(x)
-    return scans, np.array(xs)
+        scans.append(ms.BearingScan(bearings, odometry=step))
+    return scans, xs
+
+
+def stopping_config(odometry: bool) -> SlamConfig:
+    model = replace(SlamConfig().model, sigma=math.radians(0.2), stops=not odometry)
+    return SlamConfig(model=model, motion="odometry" if odometry else "smooth", start_hypotheses=10)
 
 
 @pytest.mark.parametrize("odometry", [True, False])
 def test_a_standstill_is_one_place_and_the_scale_survives_it(odometry: bool) -> None:
-    scans, xs = stopping(26, range(10, 16), odometry)
-    model = replace(SlamConfig().model, sigma=math.radians(0.2), stops=not odometry)
-    slam = fed(SlamConfig(model=model, motion="odometry" if odometry else "smooth"), scans)
+    scans, xs = stopping([1.0] * 9 + [0.0] * 6 + [1.0] * 10, odometry)
+    slam = fed(stopping_config(odometry), scans)
     truth = ms.Association(np.tile(np.arange(8)[:, None], 26), [8] * 26)
     assert slam.association.exact(truth)
     found = slam.trajectory
     assert np.abs(found[9:16, :2] - found[9, :2]).max() < 0.05
     np.testing.assert_allclose(found[:, 0], xs, atol=0.05 * xs[-1])
+
+
+@pytest.mark.parametrize("creep", [0.0, 0.01, 0.02])
+def test_a_robot_that_creeps_gets_on_and_one_that_stands_does_not(creep: float) -> None:
+    """From one scan to the next nothing shows; from where it first stood, all of it does."""
+    scans, xs = stopping([1.0] * 8 + [creep] * 24, odometry=False)
+    slam = fed(stopping_config(odometry=False), scans)
+    sigmas = [np.full(8, slam.config.model.sigma)] * 2
+    assert sum(standstills(pair, sigmas)[0] for pair in pairwise(scans[8:])) >= 20, (
+        "nothing to tell"
+    )
+    for found in (slam.trajectory, slam.online_trajectory):
+        gone = math.dist(found[-1, :2], found[8, :2])
+        assert gone == pytest.approx(xs[-1] - xs[8], rel=0.3, abs=0.02)
+    standing = [step.kind == STILL for step in slam._history.steps[9:]]
+    assert all(standing) if creep == 0.0 else 0 < sum(standing) < 24
+
+
+def test_landmarks_arrive_where_none_ever_leaves() -> None:
+    """With `stay_probability` 1 none goes out of view for good, and the robot still moves on."""
+    scans, truth = passing("smooth", 30)
+    config = config_for("smooth", KEEN, sight=12.0)
+    later = int((truth.table[:, :5] < 0).all(axis=1).sum())
+    assert later >= 3
+    for stay in (1.0, config.model.stay_probability):
+        slam = fed(replace(config, model=replace(config.model, stay_probability=stay)), scans)
+        check_sound(slam)
+        assert slam.association.exact(truth), stay
 
 
 @pytest.mark.parametrize("kind", ["smooth", "loop"])
@@ -331,6 +362,76 @@ def test_bearings_that_mean_nothing_make_it_lost() -> None:
         )
     assert slam.status == "lost"
     check_sound(slam)
+
+
+def blinded(seed: int) -> tuple[list[ms.BearingScan], range]:
+    """A drive on which some scans see nothing but reflections, and which ones."""
+    rng = np.random.default_rng(seed)
+    scans, blind = passing("loop", 40)[0], range(10, 24)
+    for k in blind:
+        nonsense = rng.uniform(-math.pi, math.pi, 3)
+        scans[k] = ms.BearingScan(nonsense, odometry=scans[k].odometry)
+    return scans, blind
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_robot_that_sees_again_is_found_again(seed: int) -> None:
+    scans, blind = blinded(seed)
+    slam = ms.MultiHypothesisSlam(config_for("loop", KEEN, hypotheses=5))
+    states = []
+    for scan in scans:
+        slam.update(scan)
+        states.append(slam.status)
+    first = states.index("lost")
+    found = states.index("tracking", first)
+    assert blind.start < first < blind.stop
+    assert blind.stop < found
+    assert set(states[2:first]) == {"tracking"} == set(states[found:])
+    # While it was lost, the odometer was trusted less.
+    for k in range(1, len(scans)):
+        odometry = scans[k].odometry
+        assert odometry is not None
+        assert odometry.covariance is not None
+        root = np.linalg.inv(slam._history.steps[k].parameters[3:12].reshape(3, 3))
+        wider = np.diag(root @ root.T) > 2.0 * np.diag(odometry.covariance)
+        assert wider.all() if states[k - 1] == "lost" else not wider.any(), k
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_ordinary_drive_is_never_lost(kind: DriveKind) -> None:
+    for seed in range(4):
+        drive = ordinary(kind, 20 + seed, n_landmarks=12, n_scans=30)
+        slam = ms.MultiHypothesisSlam(config_for(kind, hypotheses=5))
+        for scan in drive.scans:
+            slam.update(scan)
+            assert slam.status != "lost"
+
+
+def of_scans(association: ms.Association, first: int, last: int) -> ms.Association:
+    """What an association says of some scans."""
+    return ms.Association.from_labels([
+        [None if row < 0 else row for row in labels.tolist()]
+        for labels in association.landmark_of_detection()[first:last]
+    ])  # fmt: skip
+
+
+def test_after_a_gross_lie_of_the_odometer_the_robot_goes_on_with_a_map() -> None:
+    """Of old or of new landmarks; neither side of the lie is harmed by it."""
+    after, at, n = [], 12, 30
+    for lie in ((0.0, 0.0, math.pi / 2), (-5.0, 6.0, 0.0), (3.0, 0.0, 0.0), (20.0, -9.0, 2.0)):
+        scans, truth = passing("loop", n)
+        honest = scans[at].odometry
+        assert honest is not None
+        motion = np.array([honest.dx, honest.dy, honest.dtheta]) + lie
+        told = ms.Odometry(*motion.tolist(), honest.covariance)
+        scans[at] = ms.BearingScan(scans[at].bearings, odometry=told)
+        slam = fed(config_for("loop", KEEN, hypotheses=5), scans)
+        check_sound(slam)
+        assert slam.status == "tracking"
+        before = of_scans(slam.association, 0, at)
+        assert before.f1(of_scans(truth, 0, at)) > 0.98
+        after.append(of_scans(slam.association, at, n).f1(of_scans(truth, at, n)))
+    assert np.mean(after) > 0.95, after
 
 
 def test_a_window_without_an_optimum_harms_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
