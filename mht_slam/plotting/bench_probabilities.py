@@ -199,14 +199,18 @@ def _times_caption(quartiles: dict[str, np.ndarray]) -> str:
     slowest, quickest = max(middle, key=middle.__getitem__), min(middle, key=middle.__getitem__)
     words = (
         f"What takes longest at the median is {_WORK.get(slowest, slowest)} with "
-        f"{middle[slowest]:.3g} ms; the quickest is {_WORK.get(quickest, quickest)} with "
-        f"{middle[quickest]:.2g} ms."
+        f"{_ms(middle[slowest])}; the quickest is {_WORK.get(quickest, quickest)} with "
+        f"{_ms(middle[quickest])}."
     )
     if POLYGON in middle and GRAPH_EVIDENCE in middle:
         ratio = middle[GRAPH_EVIDENCE] / middle[POLYGON]
         words += f" The graph evidence takes {ratio:.2g} times as long as {POLYGON}"
         words += ", candidates aside." if CANDIDATES in middle else "."
     return words
+
+
+def _ms(time: float) -> str:
+    return f"{time:.0f} ms" if time >= 100.0 else f"{time:.2g} ms"
 
 
 def _capital(text: str) -> str:
