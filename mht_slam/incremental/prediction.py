@@ -144,7 +144,7 @@ def pair_gains(
     """Log gains of making a landmark of an earlier single detection and a new one.
 
     There is no range until a second bearing gives parallax, so the new bearing is predicted from a
-    row of log-spaced ranges, weighted by the prior, r^2 exp(-r^2 / 2 sigma^2) per log range.
+    row of log-spaced ranges, weighted by the prior, r exp(-r^2 / 2 sigma^2) per log range.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def pair_gains(
     reaches, weights = np.empty(n_ranges), np.empty(n_ranges)
     for q in range(n_ranges):
         reaches[q] = nearest * math.exp(ratio * q)
-        weights[q] = reaches[q] ** 2 * math.exp(-0.5 * (reaches[q] / landmark_sigma) ** 2)
+        weights[q] = reaches[q] * math.exp(-0.5 * (reaches[q] / landmark_sigma) ** 2)
     weights /= weights.sum()
     heavy = math.isfinite(dof)
     height = 1.0 / math.sqrt(2.0 * math.pi)

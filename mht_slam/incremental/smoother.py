@@ -12,6 +12,8 @@ from mht_slam.incremental.motion_terms import motion_terms, wrapped
 
 ENOUGH = 1e-3
 """Nats that a further step may gain at the end."""
+LOG_PRIOR_AREA = math.log(2.0 * math.pi) + 0.5 * math.log(0.5 * math.pi)
+"""Log integral of r exp(-r^2 / 2) over all directions and log ranges."""
 
 
 @compiled
@@ -39,6 +41,7 @@ def smooth_window(
     Gaussian than that of the range (docs/method.md, section 5). Minimised is minus the log of
 
         N(committed) prod_steps N(residual) prod_sightings t(z; h, sigma) prod_tentative p0(x),
+        p0(phi, rho) = e^rho exp(-e^2rho / 2 sigma_L^2) / (2 pi sigma_L sqrt(pi / 2)),
 
     by Gauss-Newton with the weights of Student's t and halved steps where one does not descend.
 
@@ -50,7 +53,9 @@ def smooth_window(
     sightings : (o, 2) pose (counted from the older committed one) and landmark.
     bearings, sigmas : (o,) radians.
     dof : of Student's t; infinite for a Gaussian.
-    landmark_sigma : of the isotropic landmark prior about each centre.
+    landmark_sigma : sigma_L, of the half-normal prior of the range from each centre. A range that
+        is too long or short by a factor costs less than in the plane's Gaussian, which is sure that
+        nothing is near (docs/incremental.md).
     centres : (n, 2).
     poses, places : (w + 2, 3) and (n, 2), start and result.
 
@@ -264,9 +269,8 @@ def _assemble(
     for j in range(n_settled, len(places)):
         share = math.exp(2.0 * places[j, 1]) / (landmark_sigma * landmark_sigma)
         a = first_landmark + 2 * j + 1
-        cost += 0.5 * share - 2.0 * places[j, 1]
-        cost += math.log(2.0 * math.pi) + 2.0 * math.log(landmark_sigma)
-        gradient[a] += share - 2.0
+        cost += 0.5 * share - places[j, 1] + math.log(landmark_sigma) + LOG_PRIOR_AREA
+        gradient[a] += share - 1.0
         hessian[a, a] += 2.0 * share
         hessian[a - 1, a - 1] += 1e-9
         hessian[a, a] += 1e-9
