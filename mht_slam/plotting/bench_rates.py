@@ -237,8 +237,8 @@ def _noise_caption(
         ahead, behind = sum(d.estimate > 0.0 for d in apart), sum(d.estimate < 0.0 for d in apart)
         clear = sum(d.low > 0.0 or d.high < 0.0 for d in apart)
         text += (
-            f" At the most noise the graph evidence is ahead of order-keeping in {ahead} panels "
-            f"and behind it in {behind}, by more than the 95 % interval of the paired difference "
-            f"in {clear}."
+            f" At the most noise the graph evidence is ahead of order-keeping in {ahead} of "
+            f"{len(apart)} and behind it in {behind}, by more than the 95 % interval of the paired "
+            f"difference in {clear}."
         )
     return text
