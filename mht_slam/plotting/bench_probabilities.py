@@ -188,8 +188,8 @@ def _agreement_caption(row: Agreement) -> str:
             f"(McNemar p = {row.mcnemar_p:.2g})."
         )
     words.append(
-        "In brackets: scenes that both answered. A cell shows a tau where in two scenes or more both "
-        "list the same two associations."
+        "In brackets: scenes that both answered. A cell shows a tau where in two scenes or more "
+        "both list the same two associations."
     )
     return " ".join(words)
 
