@@ -24,7 +24,7 @@ from mht_slam.incremental.steps import Step
 from mht_slam.models import ObservationModel
 
 FORMAT = "mht-slam checkpoint"
-VERSION = 2
+VERSION = 3
 TOLD = "told"
 """Name of the entry that holds everything but arrays, as JSON."""
 
@@ -63,6 +63,7 @@ def write(
         "n_branches": len(branches),
         "renamed": sorted(history.renamed.items()),
         "loops": history.loops,
+        "tears": history.tears,
     }
     _put(arrays, "past", past)
     _put(arrays, "window", window)
@@ -132,6 +133,7 @@ def _parts(arrays: dict[str, Any], told: dict[str, Any]) -> Parts:
         poses=list(arrays["history.poses"]),
         renamed=dict(told["renamed"]),
         loops=[(int(scan), int(count), float(odds)) for scan, count, odds in told["loops"]],
+        tears=[int(scan) for scan in told["tears"]],
     )
     return Parts(
         config=config,

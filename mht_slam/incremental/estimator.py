@@ -27,7 +27,7 @@ from mht_slam.incremental.branch import (
 from mht_slam.incremental.config import SlamConfig
 from mht_slam.incremental.history import History, association_of
 from mht_slam.incremental.live import live_posterior, marginal_owners
-from mht_slam.incremental.monitor import Monitor, opened
+from mht_slam.incremental.monitor import FRESH, TORN, Monitor, opened
 from mht_slam.incremental.motion_terms import STILL
 from mht_slam.incremental.past import Committed, nothing_committed, points_of
 from mht_slam.incremental.slam_map import SlamMap
@@ -127,7 +127,9 @@ class MultiHypothesisSlam:
             self._branches = (self._first(scan),)
         else:
             self._grow(step)
-        self._monitor = self._monitor.after(self._branches[0].owners)
+        self._monitor = self._monitor.after(self._branches[0].owners, self._window.settled)
+        if self._monitor.tears:
+            self._tear()
         if len(self._window.bearings) > self.config.lag:
             self._commit()
         return self.posterior
@@ -144,7 +146,7 @@ class MultiHypothesisSlam:
         """``initialising`` before the third scan; ``lost`` while recent scans contradict the map.
 
         While lost, the motion prior is opened wide, so that the next scans may say where the robot
-        is.
+        is. See `mht_slam.incremental.monitor`.
         """
         if self.n_scans < STARTED:
             return "initialising"
@@ -360,6 +362,20 @@ class MultiHypothesisSlam:
             else:
                 kept.append(branch)
         return tuple(kept)
+
+    def _tear(self) -> None:
+        """Open the steps at which the best branch left the map, and solve all branches anew."""
+        window, history = self._window, self._history
+        newest = self.n_scans - 1 - FRESH  # the first scan beyond the tear
+        motion = window.motion.copy()
+        for scan in range(max(newest - 1, window.first, 1), newest + 1):
+            history.steps[scan] = opened(history.steps[scan], TORN)
+            motion[scan - window.first] = history.steps[scan].parameters
+        history.tears.append(newest)
+        self._window = replace(window, motion=motion)
+        found = [self._solved(branch) for branch in self._branches]
+        usable = [branch for branch in found if branch is not None]
+        self._branches = self._kept(usable or map(unsolved, self._branches))
 
     def _commit(self) -> None:
         """Settle the oldest open scan as the best branch says."""

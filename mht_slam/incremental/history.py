@@ -27,6 +27,7 @@ class History:
     poses : (3,) of each committed scan, as its window had smoothed it when it was committed.
     renamed : landmarks that turned out to be others.
     loops : (scan, landmarks recognised, log odds) of every loop closed.
+    tears : scans before which the estimate tore (`mht_slam.incremental.monitor`).
     """
 
     bearings: list[FloatArray] = field(default_factory=list)
@@ -37,6 +38,7 @@ class History:
     poses: list[FloatArray] = field(default_factory=list)
     renamed: dict[int, int] = field(default_factory=dict)
     loops: list[tuple[int, int, float]] = field(default_factory=list)
+    tears: list[int] = field(default_factory=list)
 
     def name(self, number: int) -> int:
         """Return what a landmark is called now."""

@@ -56,6 +56,9 @@ def find_loop(
     recent_since: int,
     threshold: float,
     seen_apart: Callable[[int, int], int | None],
+    *,
+    farthest: float = FARTHEST,
+    most_turn: float = MOST_TURN,
 ) -> Loop | None:
     """Return the best set of landmarks, first seen since a scan, that old ones explain together.
 
@@ -67,7 +70,7 @@ def find_loop(
     chance of missing for every new landmark in known territory that meets none. p(T) is wide: the
     covariance of the drift as the filter states it, inflated, with heavy tails. Only pairs whose
     stretches of time do not overlap and of which `seen_apart` (see `find_twins`) knows no scan that
-    saw both.
+    saw both. Drifts are sought up to `farthest` spacings and `most_turn` radians.
 
     None where the log odds stay below `threshold`, or where another alignment that disagrees comes
     within half of it. Source: docs/method.md, section 5.
@@ -83,12 +86,12 @@ def find_loop(
     if len(new) < FEWEST or len(old) < FEWEST:
         return None
     offset = points[old][None] - points[new][:, None]  # (a, b, 2)
-    near = np.hypot(offset[..., 0], offset[..., 1]) <= FARTHEST * spacing
+    near = np.hypot(offset[..., 0], offset[..., 1]) <= farthest * spacing
     near &= past.last_seen[old][None] < past.first_seen[new][:, None]
     rows, columns = np.nonzero(near)
     if len(rows) < FEWEST:
         return None
-    seeds = _seeds(points, new[rows], old[columns], spacing)
+    seeds = _seeds(points, new[rows], old[columns], spacing, most_turn)
     found: list[tuple[float, IntArray, IntArray, bool]] = []
     known: set[bytes] = set()
     for one, two in seeds:
@@ -199,7 +202,7 @@ def spacing_of(points: FloatArray) -> float:
 
 
 def _seeds(
-    points: FloatArray, new: IntArray, old: IntArray, spacing: float
+    points: FloatArray, new: IntArray, old: IntArray, spacing: float, most_turn: float
 ) -> list[tuple[int, int]]:
     """Pairs of candidate pairs whose distances agree, those first under which most pairs meet."""
     a, b = points[new], points[old]
@@ -210,10 +213,10 @@ def _seeds(
     la, lb = np.hypot(*da.T), np.hypot(*db.T)
     turn = np.arctan2(da[:, 0] * db[:, 1] - da[:, 1] * db[:, 0], (da * db).sum(axis=1))
     fine = (np.abs(la - lb) <= 2.0 * GATE * FLOOR * spacing) & (la > spacing)
-    fine &= np.abs(turn) <= MOST_TURN
+    fine &= np.abs(turn) <= most_turn
     i, j, turn = i[fine], j[fine], turn[fine]
     drift = np.hypot(*(0.5 * (b[i] + b[j] - a[i] - a[j])).T) / spacing
-    order = np.argsort(drift + np.abs(turn) / MOST_TURN, kind="stable")[:MOST_SEEDS]
+    order = np.argsort(drift + np.abs(turn) / most_turn, kind="stable")[:MOST_SEEDS]
     i, j, turn = i[order], j[order], turn[order]
     cosine, sine = np.cos(turn), np.sin(turn)
     start, end = 0.5 * (a[i] + a[j]), 0.5 * (b[i] + b[j])

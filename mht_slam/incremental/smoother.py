@@ -61,7 +61,9 @@ def smooth_window(
 
     Returns
     -------
-    usable : whether there is an optimum.
+    usable : whether the density has a positive definite information on the way. Where the rounds
+        did not lead to the optimum, everything is that of the best place found, from which the
+        next scan goes on.
     log_evidence : of all but the constants that branches of one window share.
     root : upper triangle U, U^T U the information of all unknowns: poses but the last, landmarks,
         last pose. Its last block is the same for landmarks and last pose alone, the others
@@ -114,7 +116,7 @@ def smooth_window(
         )
         if not new_cost <= cost + ENOUGH:  # no descent: go half the way
             if share < 1e-3 or attempt == max_rounds - 1:
-                return False, -math.inf, nothing
+                break
             share *= 0.5
             _moved(old_poses, old_places, step, share, pose_at, first_landmark, poses, places)
             continue
@@ -137,7 +139,9 @@ def smooth_window(
             cost -= gain
             arrived = True
             break
-    if not arrived:  # the last step led somewhere that nobody has looked at
+    if not cost < math.inf:
+        return False, -math.inf, nothing
+    if not arrived:  # the last step led nowhere, or somewhere that nobody has looked at
         poses[:, :] = old_poses
         places[:, :] = old_places
     log_evidence = -cost + 0.5 * size * math.log(2.0 * math.pi)

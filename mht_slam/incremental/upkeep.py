@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -85,7 +86,11 @@ def loops_closed(
     branches = list(branches)
     while True:
         apart = SeenApart(history, branches)
-        loop = find_loop(past, scan - config.loop_scans, config.loop_odds, apart)
+        since = scan - config.loop_scans
+        loop = find_loop(past, since, config.loop_odds, apart)
+        if loop is None and history.tears and history.tears[-1] > since:
+            anywhere = {"farthest": math.inf, "most_turn": math.pi}
+            loop = find_loop(past, history.tears[-1], config.loop_odds, apart, **anywhere)
         if loop is None:
             chosen = active_landmarks(past, branches, scan, config)
             loop = find_twins(past, chosen, apart, chance, config.twin_odds)

@@ -387,14 +387,17 @@ def test_a_robot_that_sees_again_is_found_again(seed: int) -> None:
     assert blind.start < first < blind.stop
     assert blind.stop < found
     assert set(states[2:first]) == {"tracking"} == set(states[found:])
-    # While it was lost, the odometer was trusted less.
+    assert slam._history.tears == [blind.start]
+    # While it was lost, and where it tore, the odometer was trusted less.
+    torn = (blind.start - 1, blind.start)
     for k in range(1, len(scans)):
         odometry = scans[k].odometry
         assert odometry is not None
         assert odometry.covariance is not None
         root = np.linalg.inv(slam._history.steps[k].parameters[3:12].reshape(3, 3))
         wider = np.diag(root @ root.T) > 2.0 * np.diag(odometry.covariance)
-        assert wider.all() if states[k - 1] == "lost" else not wider.any(), k
+        doubted = states[k - 1] == "lost" or k in torn
+        assert wider.all() if doubted else not wider.any(), k
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -432,6 +435,30 @@ def test_after_a_gross_lie_of_the_odometer_the_robot_goes_on_with_a_map() -> Non
         assert before.f1(of_scans(truth, 0, at)) > 0.98
         after.append(of_scans(slam.association, at, n).f1(of_scans(truth, at, n)))
     assert np.mean(after) > 0.95, after
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_robot_that_was_carried_off_says_so_and_finds_its_old_map_again(seed: int) -> None:
+    """Six metres that the odometer knows nothing of: without the tear the map stays double."""
+    at, rng = 90, np.random.default_rng(seed)
+    drive = simulate_drive(
+        "loop", 25, 170, rng, sigma=math.radians(0.3), rounds=3.4, odometry=OdometryNoise()
+    )
+    scans = list(drive.scans)
+    told = scans[at].odometry
+    assert told is not None
+    lie = ms.Odometry(told.dx + 6.0, told.dy - 5.0, told.dtheta, told.covariance)
+    scans[at] = replace(scans[at], odometry=lie)
+    slam = ms.MultiHypothesisSlam(config_for("loop", hypotheses=5))
+    states = []
+    for scan in scans:
+        slam.update(scan)
+        states.append(slam.status)
+    lost = [k for k, state in enumerate(states) if state == "lost"]
+    assert lost
+    assert at <= min(lost) <= at + 4
+    assert states[-1] == "tracking"
+    assert any(scan > at and together >= 4 for scan, together, _ in slam.loops)
 
 
 def test_a_window_without_an_optimum_harms_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
