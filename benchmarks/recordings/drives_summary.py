@@ -39,6 +39,8 @@ Landmarks of three detections or more: the share of the true ones found, and of 
 that are none; the share of drives in which all are partners; the share of those with a position
 that are in their place."""
 KNOWN = "known association"
+SEED = " seed "
+"""What the names of simulated drives of one size differ by, and follows."""
 WITHIN = 1.1
 """A trajectory error at most this many times that of the known association counts as near it."""
 
@@ -88,8 +90,30 @@ def _table(name: str, half: str, rows: Sequence[Row]) -> Iterator[str]:
         yield ""
         for row in failed[:20]:
             yield f"- {row.method} failed on {row.drive}: {row.error[:200]}"
+    yield from _sizes(whole)
     if any(row.part for row in rows):
         yield from _parts(rows)
+
+
+def _sizes(rows: Sequence[Row]) -> Iterator[str]:
+    """Simulated drives size by size, one column a method that associates."""
+    sizes = list(dict.fromkeys(row.drive.rpartition(SEED)[0] for row in rows if SEED in row.drive))
+    if len(sizes) < 2:
+        return
+    forms = [row for row in rows if row.answered]
+    methods = [m for m in dict.fromkeys(row.method for row in forms) if m != KNOWN]
+    yield ""
+    yield "Size by size: F1, pooled, and the share of drives in which all landmarks are partners."
+    yield ""
+    yield "| drives | " + " | ".join(methods) + " |"
+    yield "|" + " --- |" * (1 + len(methods))
+    for size in sizes:
+        cells = []
+        for method in methods:
+            mine = [r for r in rows if r.method == method and r.drive.startswith(size + SEED)]
+            one_to_one = np.mean([row.one_to_one for row in mine])
+            cells.append(f"{pooled(row.counts for row in mine).f1:.3f}, {one_to_one:.2f}")
+        yield f"| {size} | " + " | ".join(cells) + " |"
 
 
 def _cells(rows: Sequence[Row], parts: Sequence[Row], known: Mapping[str, float]) -> Iterator[str]:
