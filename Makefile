@@ -89,9 +89,10 @@ bench-paper: $(STAMP) ## the paper's experiment: figures, tables, and which of i
 bench-drives: $(STAMP) ## whole drives, ceilings and baselines (needs the recordings), goes on where it was
 	$(BIN)/python benchmarks/recordings/drives.py --workers $(JOBS)
 
-bench-incremental: $(STAMP) ## cost of a scan on an idle machine, and parameter draws (needs the recordings)
+bench-incremental: $(STAMP) ## cost of a scan on an idle machine, parameter draws, live probabilities (needs the recordings)
 	$(BIN)/python benchmarks/recordings/incremental_cost.py
 	$(BIN)/python benchmarks/recordings/parameter_draws.py --workers $(JOBS)
+	$(BIN)/python benchmarks/recordings/live_calibration.py --workers $(JOBS)
 
 bench-ranking: $(STAMP) ## exact ranking against exhaustive: half an hour, goes on where it was
 	$(BIN)/python benchmarks/ranking/exact_against_exhaustive.py
