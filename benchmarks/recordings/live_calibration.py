@@ -12,7 +12,8 @@ forecaster of the same probabilities shows.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Sequence
+import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -22,11 +23,14 @@ from drive_sets import MODELS, drives_of, half_of
 from rich.console import Console
 
 import mht_slam as ms
+from mht_slam.datasets import Drive
+from mht_slam.errors import RecordingNotFoundError
 from mht_slam.evaluation.calibration import (
     Forecast,
     expected_calibration_error_excess,
     top_forecast,
 )
+from mht_slam.incremental.branch import first_detection
 from mht_slam.parallel import ordered_map
 from mht_slam.plotting.reliability import draw_reliability_curve
 
@@ -35,8 +39,6 @@ START = 10
 """Scans that count as the start: over them the estimator keeps a wide beam."""
 FEWEST = 30
 """Events below which a point of a curve is not drawn."""
-LANDMARK_BITS = 20
-"""A landmark's number is the scan of its first detection, shifted by these, and which one."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -51,7 +53,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     later: dict[str, list[Forecast]] = {}
     with ProcessPoolExecutor(options.workers) as executor:
         for name in options.set:
-            places = [i for i in range(len(drives_of(name))) if half_of(name, i) == "scored"]
+            try:
+                count = len(drives_of(name))
+            except RecordingNotFoundError as error:
+                print(f"live_calibration: {error}", file=sys.stderr)
+                return 2
+            places = [i for i in range(count) if half_of(name, i) == "scored"]
             told = list(ordered_map(executor, forecasts_of, [(name, i) for i in places]))
             for part, chosen in (("first ten", 0), ("later", 1)):
                 forecasts = [forecast for drive in told for forecast in drive[chosen]]
@@ -78,7 +85,7 @@ def forecasts_of(place: tuple[str, int]) -> tuple[list[Forecast], list[Forecast]
                 right = [
                     truth < 0 or truth not in met
                     if number < 0
-                    else 0 <= truth == _first(drive.identities, number)
+                    else 0 <= truth == _who(drive, number)
                     for number in owners
                 ]
                 # A landmark in two pieces is right under either name; probabilities add up.
@@ -92,9 +99,9 @@ def forecasts_of(place: tuple[str, int]) -> tuple[list[Forecast], list[Forecast]
     return found
 
 
-def _first(identities: Sequence[Iterable[int]], number: int) -> int:
-    first = np.asarray(identities[number >> LANDMARK_BITS])
-    return int(first[number & ((1 << LANDMARK_BITS) - 1)])
+def _who(drive: Drive, number: int) -> int:
+    scan, detection = first_detection(number)
+    return int(drive.identities[scan][detection])
 
 
 def _row(name: str, part: str, forecasts: Sequence[Forecast]) -> str:

@@ -13,6 +13,8 @@ from mht_slam.association import MISSED
 from mht_slam.incremental.past import Committed, places_of, points_of
 from mht_slam.incremental.smoother import inverse_root, smooth_window
 
+DETECTION_BITS = 20
+"""Of a landmark's number: which detection of its scan was the first; the rest is the scan."""
 NO_OPTIMUM = -1e6
 """Log evidence of a branch that could not be solved: finite, so that such ones still compare."""
 
@@ -223,7 +225,12 @@ def extended(
 
 def landmark_number(scan: int, detection: int) -> int:
     """Return the number of the landmark whose first detection this is."""
-    return (scan << 20) + detection
+    return (scan << DETECTION_BITS) + detection
+
+
+def first_detection(number: int) -> tuple[int, int]:
+    """Return the scan and the detection that a landmark's number stands for."""
+    return number >> DETECTION_BITS, number & ((1 << DETECTION_BITS) - 1)
 
 
 def rearranged(branch: Branch, window: Window, past: Committed) -> Branch:

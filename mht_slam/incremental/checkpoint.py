@@ -188,6 +188,7 @@ def _refuse_misfits(parts: Parts) -> None:
         sane &= not o or branch.sightings[:, 0].max() < w + 2
         sane &= b >= s and bool((branch.ids[:s] == window.settled).all())
     sane &= bool(np.isin(window.settled, parts.past.ids).all())
+    sane &= type(parts.monitor.is_lost) is bool and type(parts.monitor.whole_for) is int
     sane &= all(_ends(history.renamed, number) for number in history.renamed)
     for name, array, shape in expected:
         if array.shape != shape:

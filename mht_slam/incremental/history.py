@@ -9,7 +9,7 @@ import numpy as np
 
 from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.association import MISSED, Association
-from mht_slam.incremental.branch import Branch
+from mht_slam.incremental.branch import Branch, first_detection
 from mht_slam.incremental.steps import Step
 
 
@@ -74,7 +74,7 @@ class SeenApart:
                 if (owner == one).any() and (owner == other).any():
                     return None
         history = self._history
-        first = max(first_scan(one), first_scan(other))
+        first = max(first_detection(one)[0], first_detection(other)[0])
         apart, since, both = 0, 0, set()
         for owner in history.owners[first:]:
             seen = {history.name(number) for number in owner.tolist()} & {one, other}
@@ -86,11 +86,6 @@ class SeenApart:
                 apart, both = apart + since, set(seen)
                 since = 0
         return apart
-
-
-def first_scan(number: int) -> int:
-    """Return the scan that first saw a landmark."""
-    return number >> 20
 
 
 def association_of(owners: Sequence[IntArray]) -> tuple[Association, IntArray]:

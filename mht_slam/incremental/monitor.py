@@ -25,7 +25,7 @@ LOST, FOUND = 0.6, 0.35
 """Share of unexplained detections above which the robot is lost, and below which it is found."""
 FEWEST_IN_SIGHT = 5
 """Landmarks in sight below which nothing can tear."""
-CONTINUES = 0.38
+CONTINUES = 3 / 8
 """Share of the landmarks in sight that are seen again, at most, where the estimate tears."""
 OPENING = 4.0
 """By how much a lost robot's steps may deviate more."""

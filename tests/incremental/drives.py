@@ -59,6 +59,8 @@ def passing(kind: DriveKind, n_scans: int = 24) -> tuple[list[ms.BearingScan], m
     return scans, ms.Association.from_labels(labels)
 
 
+KEEN = math.radians(0.05)
+"""What the model says of bearings that have no noise: passing landmarks stay apart."""
 ROW = np.array([[3.0, 2.0], [4.0, -2.5], [6.0, 3.5], [8.0, -2.0], [11.0, 2.5]])
 
 

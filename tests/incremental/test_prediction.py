@@ -173,7 +173,7 @@ def test_fourteen_ranges_come_close_to_the_integral_over_all(seed: int) -> None:
     rng = np.random.default_rng(seed)
     motion, ray = np.array([1.0, 0.0, 0.05]), np.array([0.0, 0.0, rng.uniform(0.4, 2.5)])
     landmark_sigma, ray_sigma, sigma = 10.0, 0.02, 0.02
-    reach = landmark_sigma * abs(rng.standard_normal()) + 0.3 * landmark_sigma
+    reach = landmark_sigma * rng.uniform(0.3, 2.0)
     x, y = reach * math.cos(ray[2]) - motion[0], reach * math.sin(ray[2]) - motion[1]
     bearing = math.atan2(y, x) - motion[2]
     r = np.exp(np.linspace(math.log(1e-3), math.log(80.0), 4001))
