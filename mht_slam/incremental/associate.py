@@ -6,6 +6,7 @@ import heapq
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import islice
 
 import numpy as np
@@ -21,7 +22,7 @@ from mht_slam.incremental.prediction import (
     pair_gains,
     relative_landmarks,
 )
-from mht_slam.incremental.steps import Proposals, Step, propose
+from mht_slam.incremental.steps import Proposals
 from mht_slam.matchings import Matches, ranked_matchings
 
 CERTAIN = 1.0 - 1e-9
@@ -102,6 +103,7 @@ class Prediction:
     relative : (n, 2) landmarks in the frame of the last pose.
     chances : (n,) of detection, if in view.
     visible : (n,) chance of being in view.
+    if_missed : (n,) that chance after a scan that should have seen the landmark and did not.
     singles : open scan and detection of those that may become landmarks.
     table : (G, n + s, d) log gains; offsets : (G,) log scores without any match.
     log_together : (s,) what a pair's pattern adds.
@@ -112,6 +114,7 @@ class Prediction:
     relative: FloatArray
     chances: FloatArray
     visible: FloatArray
+    if_missed: FloatArray
     singles: list[tuple[int, int]]
     table: FloatArray
     offsets: FloatArray
@@ -143,7 +146,7 @@ class Floor:
 
 
 def predict(
-    branch: Branch, window: Window, step: Step, config: SlamConfig, weights: Weights
+    branch: Branch, window: Window, proposals: Proposals, config: SlamConfig, weights: Weights
 ) -> Prediction:
     """Score every match of the newest scan of the window, at every motion worth trying."""
     model = config.observation_model
@@ -154,7 +157,6 @@ def predict(
     assert model.detection_probability is not None  # noqa: S101 - checked by the configuration
     visible = stay * branch.visible + (1.0 - branch.visible) * back
     chances = np.minimum(visible * model.detection_probability, CERTAIN)
-    proposals = propose(step, branch.poses)
     relative, covariances = relative_landmarks(
         branch.poses[-1], branch.places, branch.centres, branch.last_root
     )
@@ -218,7 +220,16 @@ def predict(
         )
     offsets = proposals.log_prior + missed + branch.log_score + len(bearings) * alone
     return Prediction(
-        branch, proposals, relative, chances, visible, singles, table, offsets, log_together
+        branch=branch,
+        proposals=proposals,
+        relative=relative,
+        chances=chances,
+        visible=visible,
+        if_missed=np.maximum((visible - chances) / (1.0 - chances), 0.0),
+        singles=singles,
+        table=table,
+        offsets=offsets,
+        log_together=log_together,
     )
 
 
@@ -290,17 +301,15 @@ def child(option: Option, window: Window, config: SlamConfig, weights: Weights) 
     newest = len(window.bearings) - 1
     n = len(parent.ids)
     matches = [(row, d) for row, d in option.matches if row < n]
-    expected = _in_view(prediction.relative, motion, 0.5 * model.field_of_view, config.sight)
     matched = np.zeros(n, np.bool_)
     matched[[row for row, _ in matches]] = True
-    misses = expected & ~matched
+    misses = ~matched
+    if model.field_of_view < 2.0 * math.pi or config.sight is not None:
+        misses &= _in_view(prediction.relative, motion, 0.5 * model.field_of_view, config.sight)
     log_pattern = parent.log_pattern + float(np.log(prediction.chances[matched]).sum())
     log_pattern += float(np.log1p(-prediction.chances[misses]).sum())
-    visible = prediction.visible.copy()
+    visible = np.where(misses, prediction.if_missed, prediction.visible)
     visible[matched] = 1.0
-    visible[misses] = (visible[misses] - prediction.chances[misses]) / (
-        1.0 - prediction.chances[misses]
-    )
     alone = weights.alone(window.first + newest)
     pairs = []
     for row, d in option.matches:
@@ -317,19 +326,21 @@ def child(option: Option, window: Window, config: SlamConfig, weights: Weights) 
         matches,
         pairs,
         log_pattern + left * alone,
-        np.maximum(visible, 0.0),
+        visible,
         [1.0] * len(pairs),
     )
 
 
 def _singles(branch: Branch, newest: int, within: int) -> list[tuple[int, int]]:
     return [
-        (scan, int(detection))
+        (scan, detection)
         for scan in range(max(0, newest - within), newest)
-        for detection in np.flatnonzero(branch.owners[scan] == MISSED)
+        for detection, owner in enumerate(branch.owners[scan].tolist())
+        if owner == MISSED
     ]
 
 
+@lru_cache
 def _log_seen_again(chance: float, stay: float, back: float, gap: int) -> float:
     """Log chance that a landmark just seen is next seen after so many scans."""
     visible, total = 1.0, 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -99,7 +100,7 @@ class Branch:
         spread = inverse_root(self.last_root)
         return np.asarray(np.sqrt((spread[1 : 2 * len(self.ids) : 2] ** 2).sum(axis=1)))
 
-    @property
+    @cached_property
     def key(self) -> bytes:
         """The same for branches that say the same about the open scans."""
         return b"".join(owner.tobytes() for owner in self.owners)
@@ -233,23 +234,28 @@ def first_detection(number: int) -> tuple[int, int]:
     return number >> DETECTION_BITS, number & ((1 << DETECTION_BITS) - 1)
 
 
-def rearranged(branch: Branch, window: Window, past: Committed) -> Branch:
-    """Bring a branch into the order of a new window, without its oldest scan.
+def rearranged(branches: Sequence[Branch], window: Window, past: Committed) -> list[Branch]:
+    """Bring branches into the order of a new window, without its oldest scan.
 
     Tentative landmarks that no open scan sees any more are let go.
     """
+    where = {number: i for i, number in enumerate(past.ids.tolist())}
+    visible = past.visible[[where[number] for number in window.settled.tolist()]]
+    place_of = {number: i for i, number in enumerate(window.settled.tolist())}
+    return [_rearranged(branch, window, visible, place_of) for branch in branches]
+
+
+def _rearranged(
+    branch: Branch, window: Window, settled_visible: FloatArray, place_of: dict[int, int]
+) -> Branch:
     still_open = branch.sightings[:, 0] > 2
     sightings = branch.sightings[still_open] - np.array([1, 0])
-    place_of = {number: i for i, number in enumerate(window.settled.tolist())}
     sighted = set(sightings[:, 1].tolist())
     numbers = branch.ids.tolist()
     own = [i for i, number in enumerate(numbers) if number not in place_of and i in sighted]
     n_settled = len(window.settled)
     places = np.concatenate([window.places, branch.places[own]])
-    where = {number: i for i, number in enumerate(past.ids.tolist())}
-    visible = np.concatenate(
-        [past.visible[[where[n] for n in window.settled.tolist()]], branch.visible[own]]
-    )
+    visible = np.concatenate([settled_visible, branch.visible[own]])
     order = np.full(len(numbers), -1, np.int64)
     # Where a loop has given two landmarks one name, the sighted one knows better where it is.
     kept = [

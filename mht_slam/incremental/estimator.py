@@ -28,10 +28,10 @@ from mht_slam.incremental.config import SlamConfig
 from mht_slam.incremental.history import History, association_of
 from mht_slam.incremental.live import live_posterior, marginal_owners
 from mht_slam.incremental.monitor import FRESH, TORN, Monitor, opened
-from mht_slam.incremental.motion_terms import STILL
+from mht_slam.incremental.motion_terms import ODOMETRY, STILL
 from mht_slam.incremental.past import Committed, nothing_committed, points_of
 from mht_slam.incremental.slam_map import SlamMap
-from mht_slam.incremental.steps import Step, frame_step, next_step
+from mht_slam.incremental.steps import Step, frame_step, next_step, propose
 from mht_slam.incremental.whole_run import WholeRun, smooth_whole_run
 from mht_slam.measurements import BearingScan, wrap_angle
 
@@ -321,8 +321,11 @@ class MultiHypothesisSlam:
     def _grow(self, step: Step) -> None:
         """Extend every branch by the newest scan and keep the best children."""
         config, window, weights = self.config, self._window, self._weights
+        # What an odometer says, or standing still, is the same for all branches.
+        same = propose(step, self._branches[0].poses) if step.kind in (ODOMETRY, STILL) else None
         predictions = [
-            associate.predict(branch, window, step, config, weights) for branch in self._branches
+            associate.predict(b, window, same or propose(step, b.poses), config, weights)
+            for b in self._branches
         ]
         found = associate.best_options(predictions, config, 2 * self._most_hypotheses)
         children: dict[bytes, Branch] = {}
@@ -397,7 +400,7 @@ class MultiHypothesisSlam:
             past, agreeing = upkeep.loops_closed(past, agreeing, self._history, scan, config)
         chosen = upkeep.active_landmarks(past, agreeing, scan, config)
         self._past, self._window = past, upkeep.next_window(window, past, chosen)
-        renewed = [rearranged(branch, self._window, self._past) for branch in agreeing]
+        renewed = rearranged(agreeing, self._window, self._past)
         found = [self._solved(branch) for branch in renewed]
         usable = [branch for branch in found if branch is not None]
         lost = len(renewed) - len(usable)

@@ -117,12 +117,15 @@ def match_gains(
                 + min(1.0, side_spreads[g] * side_spreads[g] / squared)
             )
             log_seen = math.log(chances[j]) - log_missed - log_alone
+            total, log_total = 0.0, 0.0
             for d in range(len(bearings)):
-                total = variance + sigmas[d] * sigmas[d]
+                if d == 0 or sigmas[d] != sigmas[d - 1]:
+                    total = variance + sigmas[d] * sigmas[d]
+                    log_total = math.log(total)
                 z = wrapped(bearings[d] - bearing)
                 z = z * z / total
                 noise = -0.5 * (dof + 1.0) * math.log1p(z / dof) if heavy else -0.5 * z
-                table[g, j, d] = log_seen + noise + height - 0.5 * math.log(total)
+                table[g, j, d] = log_seen + noise + height - 0.5 * log_total
 
 
 @compiled

@@ -285,24 +285,31 @@ def _assemble(
 def cholesky(matrix: FloatArray, root: FloatArray) -> bool:
     """Fill the upper triangle U, matrix = U^T U, from its upper triangle; False without one.
 
-    By rows, so that the inner loop runs over neighbours in memory.
+    Row by row, each less the shares of four rows above at a time, so that a row is loaded and
+    stored a quarter as often; the order of the subtractions is that of one row at a time.
     """
     size = len(matrix)
     for i in range(size):
+        row = root[i]
         for j in range(i, size):
-            root[i, j] = matrix[i, j]
-    for k in range(size):
-        pivot = root[k, k]
-        if not pivot > 0.0:
-            return False
-        pivot = 1.0 / math.sqrt(pivot)
-        for j in range(k, size):
-            root[k, j] *= pivot
-        for i in range(k + 1, size):
-            share = root[k, i]
-            if share != 0.0:
+            row[j] = matrix[i, j]
+        fours = i - i % 4
+        for k in range(0, fours, 4):
+            a, b, c, d = root[k, i], root[k + 1, i], root[k + 2, i], root[k + 3, i]
+            if a != 0.0 or b != 0.0 or c != 0.0 or d != 0.0:
                 for j in range(i, size):
-                    root[i, j] -= share * root[k, j]
+                    row[j] = (
+                        row[j] - a * root[k, j] - b * root[k + 1, j] - c * root[k + 2, j]
+                    ) - d * root[k + 3, j]
+        for k in range(fours, i):
+            share = root[k, i]
+            for j in range(i, size):
+                row[j] -= share * root[k, j]
+        if not row[i] > 0.0:
+            return False
+        pivot = 1.0 / math.sqrt(row[i])
+        for j in range(i, size):
+            row[j] *= pivot
     return True
 
 

@@ -14,7 +14,7 @@ from mht_slam.incremental import associate
 from mht_slam.incremental.associate import Option, Prediction, Weights
 from mht_slam.incremental.branch import Branch
 from mht_slam.incremental.config import SlamConfig
-from mht_slam.incremental.steps import next_step
+from mht_slam.incremental.steps import next_step, propose
 from mht_slam.matchings import Matches
 
 LANDMARKS = np.array([[3.0, 2.0], [4.0, -2.5], [6.0, 3.5]])
@@ -40,7 +40,8 @@ def predictions_of(
     step = next_step(model, scans[-1], len(scans) - 1, False, None)
     weights = Weights.of(config)
     return slam, [
-        associate.predict(branch, slam._window, step, config, weights) for branch in branches
+        associate.predict(branch, slam._window, propose(step, branch.poses), config, weights)
+        for branch in branches
     ]
 
 

@@ -26,8 +26,8 @@ def sighted(branch: Branch) -> set[tuple[int, int, float]]:
 
 def test_a_window_that_moves_on_forgets_the_oldest_scan_only() -> None:
     slam = fed(ms.SlamConfig(lag=5), along_a_row(8))
-    for branch in slam._branches:
-        moved = rearranged(branch, slam._window, slam._past)  # as if the window moved once more
+    once_more = rearranged(slam._branches, slam._window, slam._past)  # as if the window moved
+    for branch, moved in zip(slam._branches, once_more, strict=True):
         open_owners = branch.owners[1:]
         assert all(np.array_equal(a, b) for a, b in zip(moved.owners, open_owners, strict=True))
         still = {row for row in sighted(branch) if row[0] <= len(branch.poses) - 3}
@@ -75,7 +75,7 @@ def test_a_landmark_that_turns_out_to_be_another_keeps_its_sightings() -> None:
     assert len(names) > 2
     renamed = carried_along(branch, branch.poses[1], branch.poses[1], {new: old})
     past = slam._past
-    moved = rearranged(renamed, slam._window, past)
+    (moved,) = rearranged([renamed], slam._window, past)
     at_old = moved.ids.tolist().index(old)
     wanted = {row for row in sighted(renamed) if row[1] == old and row[0] <= len(branch.poses) - 3}
     found = {row for row in sighted(moved) if row[1] == moved.ids[at_old]}
