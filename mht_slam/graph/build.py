@@ -60,6 +60,7 @@ class FactorPool:
         self._rows: dict[tuple[int, tuple[int, ...]], NormalisedGraph] = {}
         self._priors: dict[int, tuple[gtsam.NonlinearFactor, float]] = {}
         self._bearings: dict[tuple[int, int, int], tuple[gtsam.NonlinearFactor, float]] = {}
+        self._normalisers: dict[float, float] = {}
 
     def keys(self, n_landmarks: int) -> GraphKeys:
         """Return the keys of a graph with so many landmarks."""
@@ -90,10 +91,17 @@ class FactorPool:
             log_normaliser += of_landmark.log_normaliser
         return NormalisedGraph(graph, log_normaliser)
 
-    def linearised(self, unlinearised: NormalisedGraph, poses: FloatArray) -> NormalisedGraph:
-        """Return the whole graph, the log-normal step priors linearised about (m, 3) `poses`."""
+    def linearised(
+        self, unlinearised: NormalisedGraph, poses: FloatArray, lengths: FloatArray
+    ) -> NormalisedGraph:
+        """Return the whole graph, the log-normal step priors linearised about (m, 3) `poses`.
+
+        `lengths` are those of the problem's free steps there.
+        """
         graph = gtsam.NonlinearFactorGraph(unlinearised.graph)
-        steps, log_normaliser = linearised_motion_factors(self.problem, self.keys(0).scans, poses)
+        steps, log_normaliser = linearised_motion_factors(
+            self.problem, self.keys(0).scans, poses, lengths
+        )
         for factor in steps:
             graph.add(factor)
         return NormalisedGraph(graph, unlinearised.log_normaliser + log_normaliser)
@@ -136,14 +144,17 @@ class FactorPool:
         """Return the factor of a detection of a landmark, and its log normaliser."""
         key = number, scan, detection
         if key not in self._bearings:
+            sigma = self.problem.sigmas[scan].item(detection)
             factor = factors.bearing(
-                X(scan),
+                self.keys(0).scans[scan],
                 L(number),
-                float(self.problem.scans[scan].bearings[detection]),
-                float(self.problem.sigmas[scan][detection]),
+                self.problem.scans[scan].bearings.item(detection),
+                sigma,
                 self.problem.model.bearing_dof,
             )
-            self._bearings[key] = factor, factors.log_normaliser(factor)
+            if sigma not in self._normalisers:
+                self._normalisers[sigma] = factors.log_normaliser(factor)
+            self._bearings[key] = factor, self._normalisers[sigma]
         return self._bearings[key]
 
 
@@ -161,7 +172,7 @@ def build_graph(problem: Problem, table: IntArray, poses: FloatArray) -> gtsam.N
     landmark prior; the gauge and the motion model (`mht_slam.graph.motion`).
     """
     pool = FactorPool(problem)
-    return pool.linearised(pool.unlinearised(table), poses).graph
+    return pool.linearised(pool.unlinearised(table), poses, problem.free_lengths(poses)).graph
 
 
 def make_values(keys: GraphKeys, poses: FloatArray, landmarks: FloatArray) -> gtsam.Values:

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from mht_slam.arrays import FloatArray, IntArray
+from mht_slam.arrays import FloatArray
 from mht_slam.graph.problem import Problem, Sightings
 from mht_slam.graph.triangulation import triangulate
 from mht_slam.measurements import Odometry
@@ -24,13 +24,12 @@ START_MARGIN = 50.0
 """A further start may cost this much more than the best: 25 nats, more than refining moves it."""
 
 
-def starting_points(problem: Problem, table: IntArray) -> list[Start]:
+def starting_points(problem: Problem, sightings: Sightings) -> list[Start]:
     """Return up to `N_STARTS` pairs of poses (m, 3) and landmarks (n, 2), the best first.
 
     For known poses the landmarks separate, so each start triangulates them one by one; only the
     unknown steps (or, for a `RunPair`, the way the runs lie to each other) have to be searched.
     """
-    sightings = problem.sightings(table)
     candidates, costs = _candidate_poses(problem, sightings)
     landmarks, landmark_costs = triangulate(problem, sightings, candidates)
     costs = costs + landmark_costs

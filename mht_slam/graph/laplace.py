@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from scipy.linalg import lapack
 
 from mht_slam import factors
 from mht_slam.arrays import FloatArray
+from mht_slam.compiled import compiled
 
 CONDITION_LIMIT = 1e12
 """Condition of the Hessian, scaled to a unit diagonal, beyond which doubles say nothing.
@@ -72,32 +72,43 @@ def laplace(
 def _sound_inverse(hessian: FloatArray) -> tuple[float, FloatArray]:
     """Log determinant and inverse of a symmetric matrix that is sound enough to be inverted.
 
-    Its condition in the 1-norm, which the inverse gives for nothing, bounds that in the 2-norm; so
-    the eigenvalues are needed only where it says that there may be trouble.
+    Scaled to a unit diagonal, its condition is at most its dimension times the trace of its
+    inverse; so the eigenvalues are needed only where that says that there may be trouble.
     """
+    try:
+        log_determinant, inverse, bound = _inverted(hessian)
+    except np.linalg.LinAlgError as cause:
+        _check_sound(hessian)
+        raise SingularGraphError("the Hessian at the optimum has no Cholesky factor") from cause
+    if not bound <= CONDITION_LIMIT:
+        _check_sound(hessian)
+    return log_determinant, inverse
+
+
+@compiled
+def _inverted(hessian: FloatArray) -> tuple[float, FloatArray, float]:
+    """Log determinant, inverse, and a bound of the condition of the matrix scaled.
+
+    Raises LAPACK's error, as NumPy does, where there is no Cholesky factor.
+    """
+    scale = 1.0 / np.sqrt(np.diag(hessian))
+    outer = np.outer(scale, scale)
+    root = np.linalg.cholesky(hessian * outer)
+    inverse_root = np.linalg.inv(root)
+    inverse = inverse_root.T @ inverse_root
+    log_determinant = 2.0 * np.sum(np.log(np.diag(root)) - np.log(scale))
+    return log_determinant, inverse * outer, len(scale) * np.trace(inverse)
+
+
+def _check_sound(hessian: FloatArray) -> None:
+    """Raise for whatever is wrong with a Hessian; return where nothing is."""
     diagonal = hessian.diagonal()
     if not math.isfinite(hessian.sum()):
         raise SingularGraphError("the Hessian at the optimum is not finite")
     if not diagonal.min() > 0.0:
         raise SingularGraphError("the Hessian at the optimum has an empty row")
     scale = 1.0 / np.sqrt(diagonal)
-    outer = scale * scale[:, None]
-    scaled = hessian * outer
-    root, order = lapack.dpotrf(scaled, lower=1)
-    if order != 0:
-        _check_eigenvalues(scaled)
-        raise SingularGraphError("the Hessian at the optimum has no Cholesky factor")
-    inverse_root = lapack.dtrtri(root, lower=1)[0]
-    inverse = inverse_root.T @ inverse_root
-    condition = np.abs(scaled).sum(axis=0).max() * np.abs(inverse).sum(axis=0).max()
-    if not condition <= CONDITION_LIMIT:
-        _check_eigenvalues(scaled)
-    log_determinant = 2.0 * float(np.log(root.diagonal()).sum() - np.log(scale).sum())
-    return log_determinant, np.ascontiguousarray(inverse * outer)
-
-
-def _check_eigenvalues(scaled: FloatArray) -> None:
-    eigenvalues = np.linalg.eigvalsh(scaled)
+    eigenvalues = np.linalg.eigvalsh(hessian * np.outer(scale, scale))
     low, high = float(eigenvalues[0]), float(eigenvalues[-1])
     if low <= 0.0 or high / low > CONDITION_LIMIT:
         raise SingularGraphError(

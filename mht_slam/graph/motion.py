@@ -34,7 +34,8 @@ def motion_factors(
         the estimated poses.
     """
     fixed = fixed_motion_factors(problem, keys)
-    return [*fixed, *linearised_motion_factors(problem, keys, poses)[0]]
+    lengths = problem.free_lengths(poses)
+    return [*fixed, *linearised_motion_factors(problem, keys, poses, lengths)[0]]
 
 
 def fixed_motion_factors(problem: Problem, keys: tuple[int, ...]) -> list[gtsam.NonlinearFactor]:
@@ -53,11 +54,12 @@ def fixed_motion_factors(problem: Problem, keys: tuple[int, ...]) -> list[gtsam.
 
 
 def linearised_motion_factors(
-    problem: Problem, keys: tuple[int, ...], poses: FloatArray
+    problem: Problem, keys: tuple[int, ...], poses: FloatArray, lengths: FloatArray
 ) -> tuple[list[gtsam.NonlinearFactor], float]:
     """Log-normal priors over steps or their changes, linearised about (m, 3) `poses`.
 
-    With them the sum of their log normalisers, which takes less time than asking each.
+    `lengths` are those of the problem's free steps there. With the factors comes the sum of their
+    log normalisers, which takes less time than asking each.
     """
     if problem.model.motion == "smooth":
         changes = [
@@ -66,12 +68,10 @@ def linearised_motion_factors(
         ]
         return [*changes], -len(changes) * HALF_LOG_2PI
     mean, sigma = problem.model.log_step_mean, problem.model.log_step_sigma
-    lengths = problem.free_lengths(poses).tolist()
-    steps = [
-        factors.log_step(keys[a], keys[b], mean, sigma, around)
-        for (a, b), around in zip(problem.free_steps, lengths, strict=True)
-    ]
-    log_sigmas = sum(math.log(sigma * around) for around in lengths)
+    steps, log_sigmas = [], 0.0
+    for (a, b), around in zip(problem.free_steps, lengths.tolist(), strict=True):
+        steps.append(factors.log_step(keys[a], keys[b], mean, sigma, around))
+        log_sigmas += math.log(sigma * around)
     return [*steps], -log_sigmas - len(steps) * HALF_LOG_2PI
 
 

@@ -182,5 +182,5 @@ def _linearisation_point(problem: Problem, table: IntArray) -> tuple[FloatArray,
         try:
             estimate = solve_association(problem, table, "laplace")
         except (UnsolvedError, OverflowError):
-            return starting_points(problem, table)[0]
+            return starting_points(problem, problem.sightings(table))[0]
     return estimate.poses, estimate.landmarks

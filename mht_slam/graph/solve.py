@@ -128,10 +128,11 @@ def _solve_ranged(
     rescue: bool,
 ) -> Estimate:
     problem = pool.problem
-    subject = _Subject(pool, problem.sightings(table), pool.unlinearised(table))
+    sightings = problem.sightings(table)
+    subject = _Subject(pool, sightings, pool.unlinearised(table))
     on_line = problem.model.motion == "straight"
     given = start if not on_line else None
-    starts = starting_points(problem, table) if given is None else [given]
+    starts = starting_points(problem, sightings) if given is None else [given]
     optima, failures = _optima(subject, starts, in_log_range=not on_line)
     traps = [failure for failure in failures if isinstance(failure, TrappedError)]
     if traps and not optima and on_line:
@@ -202,7 +203,7 @@ def _optimise(
     with_volumes: gtsam.NonlinearFactorGraph | None = None
     anchors = _anchors(subject, poses, landmarks) if in_log_range else []
     steps = _steps(problem, poses)
-    linearised = pool.linearised(subject.unlinearised, poses)
+    linearised = pool.linearised(subject.unlinearised, poses, steps)
     for _ in range(MAX_RELINEARISATIONS):
         if in_log_range:
             values, with_volumes = optimise_in_log_range(
@@ -219,7 +220,7 @@ def _optimise(
         if not in_log_range:
             _check_ranges(problem, ranges)
         before, steps = steps, _steps(problem, poses)
-        linearised = pool.linearised(subject.unlinearised, poses)
+        linearised = pool.linearised(subject.unlinearised, poses, steps)
         error = linearised.graph.error(values)
         still = RELINEARISED * max(1.0, error / HOPELESS_ERROR)
         if all(

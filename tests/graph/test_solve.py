@@ -155,7 +155,9 @@ def test_a_graph_of_pooled_factors_is_the_graph_built_anew(motion: Any) -> None:
     for _ in range(5):
         table = np.column_stack([rng.permutation(4) for _ in range(4)])
         table[rng.integers(4), rng.integers(4)] = -1
-        pooled = pool.linearised(pool.unlinearised(table), scene.poses)
+        pooled = pool.linearised(
+            pool.unlinearised(table), scene.poses, problem.free_lengths(scene.poses)
+        )
         fresh = gtsam.NonlinearFactorGraph()
         keys = graph_keys(4, 4)
         for row, scan in np.argwhere(table >= 0).tolist():
