@@ -21,27 +21,31 @@ from mht_slam.measurements import BearingScan
 
 FOLDER = Path("mrclam", "MRCLAM_Dataset6")
 SAME_FRAME = 0.01
-"""Seconds: stamps of one image differ by a millisecond, images follow each other after .2 s."""
+"""Seconds: stamps of one image differ by a millisecond."""
+IMAGE_PERIOD = 0.235
+"""Seconds from image to image. An image in which no code was read left no line in the files: the
+times between two that did are multiples of this."""
+RESPONSE = 0.17
+"""Seconds after which a robot does what it was told, where odometry, which is what it was told,
+agrees best with the turns that motion capture saw of robots 1, 3 and 5 (tuning half)."""
 ROBOT_NOISE = StepNoise(
     floor=0.001,
-    forward_share=0.1,
+    forward_share=0.2,
     lateral_share=0.05,
     turn_floor=0.006,
     turn_per_metre=0.1,
-    turn_share=0.4,
+    turn_share=0.15,
 )
-"""Rounded from odometry minus motion capture of robots 1, 3 and 5 (tuning half).
-
-The odometry is what the robot was told to do: it turns late, which the large share of the turn is.
-"""
+"""Rounded from odometry minus motion capture, image by image, of the same three robots."""
 
 
 def mrclam_drive(robot: int, folder: Path | None = None) -> Drive:
     """Return everything that one robot, 1 to 5, saw, with odometry.
 
-    A scan is what was seen within `SAME_FRAME`. Landmarks have their subject number as identity;
-    other robots, which move, and codes of nobody are false alarms (-1). Ranges and codes are
-    withheld. References are those of motion capture, interpolated in time.
+    A scan is an image: what was seen within `SAME_FRAME`, or nothing, in the images between that
+    left no line in the files. Landmarks have their subject number as identity; other robots, which
+    move, and codes of nobody are false alarms (-1). Ranges and codes are withheld. References are
+    those of motion capture, interpolated in time.
 
     `folder` holds the robots' files; None looks in `data_folder()`. Raises
     `RecordingNotFoundError` where a file is missing, as for a robot that there is not, and
@@ -58,10 +62,9 @@ def mrclam_drive(robot: int, folder: Path | None = None) -> Drive:
     truth = numbers("Groundtruth", "x", "y", "orientation")
     landmarks = _landmarks(recording_file(source, "Landmark_Groundtruth.dat"))
     subjects = _subjects(recording_file(source, "Barcodes.dat"))
-    frames = np.split(seen, _begins(seen[:, 0])[1:]) if len(seen) else []
-    times = np.array([frame[0, 0] for frame in frames])
+    times, frames = _images(seen)
     twists = np.column_stack([driven[:, 1], np.zeros(len(driven)), driven[:, 2]])
-    motions = integrated_motions(driven[:, 0], twists, times)
+    motions = integrated_motions(driven[:, 0] + RESPONSE, twists, times)
     steps = [None, *(ROBOT_NOISE.odometry(motion) for motion in motions)][: len(frames)]
     identities = []
     for frame in frames:
@@ -70,13 +73,27 @@ def mrclam_drive(robot: int, folder: Path | None = None) -> Drive:
     return shuffled_drive(
         f"mrclam robot {robot}",
         [
-            BearingScan(frame[:, 3], time=float(frame[0, 0]), odometry=step)
-            for frame, step in zip(frames, steps, strict=True)
+            BearingScan(frame[:, 3], time=time, odometry=step)
+            for frame, time, step in zip(frames, times.tolist(), steps, strict=True)
         ],
         identities,
         poses=_interpolated(truth, times),
         landmarks=landmarks,
     )
+
+
+def _images(seen: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+    """Times of all images, and the lines of each: those without a line lie evenly between."""
+    if not len(seen):
+        return np.empty(0), []
+    recorded = np.split(seen, _begins(seen[:, 0])[1:])
+    times, frames = [float(recorded[0][0, 0])], [recorded[0]]
+    for frame in recorded[1:]:
+        before, now = times[-1], float(frame[0, 0])
+        steps = max(1, round((now - before) / IMAGE_PERIOD))
+        times += np.linspace(before, now, steps + 1)[1:].tolist()
+        frames += [seen[:0]] * (steps - 1) + [frame]
+    return np.array(times), frames
 
 
 def _begins(times: FloatArray) -> list[int]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mht_slam.datasets.drive_car_park import DETECTION_COLUMNS, POSE_COLUMNS, car_park_drive
-from mht_slam.datasets.drive_mrclam import mrclam_drive
+from mht_slam.datasets.drive_mrclam import IMAGE_PERIOD, RESPONSE, mrclam_drive
 from mht_slam.datasets.tables import read_numbers
 from mht_slam.errors import RecordingError, RecordingNotFoundError
 
@@ -41,9 +41,27 @@ def test_a_robot_frame_is_an_image_and_other_robots_are_clutter(tmp_path: Path) 
     assert drive.reference_landmarks == {6: (1.5, -2.5), 7: (0.5, 0.0)}
     step = drive.scans[1].odometry
     assert step is not None
-    assert step.dx == pytest.approx(0.1 * 1.0 + 0.1 * 2.0)
+    assert step.dx == pytest.approx(0.2 * 1.0)  # told at 10.1 to go faster, it does so later
     assert drive.reference_poses[0].tolist() == [0.0, 1.0, 3.1]
     assert drive.reference_poses[1, 0] != drive.reference_poses[1, 0]  # NaN after the last
+
+
+def test_a_robot_does_what_it_was_told_after_its_response(tmp_path: Path) -> None:
+    told = f"9.0 1.0 0.0\n{10.1 - RESPONSE} 2.0 0.0\n"
+    drive = mrclam_drive(1, write(tmp_path, ROBOT, Robot1_Odometry=told))
+    step = drive.scans[1].odometry
+    assert step is not None
+    assert step.dx == pytest.approx(0.1 * 1.0 + 0.1 * 2.0)
+
+
+def test_images_that_left_no_line_are_scans_of_nothing(tmp_path: Path) -> None:
+    last = 10.0 + 4.1 * IMAGE_PERIOD
+    seen = f"10.0 63 1.0 0.5\n10.001 7 2.0 -0.5\n{last} 63 1.0 0.1\n"
+    drive = mrclam_drive(1, write(tmp_path, ROBOT, Robot1_Measurement=seen))
+    assert drive.n_detections == (2, 0, 0, 0, 1)
+    times = [scan.time for scan in drive.scans]
+    assert times == pytest.approx([10.0 + k * (last - 10.0) / 4 for k in range(5)])
+    assert drive.has_odometry
 
 
 def test_the_car_park_joins_its_files(tmp_path: Path) -> None:

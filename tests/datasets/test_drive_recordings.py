@@ -123,3 +123,4 @@ def test_a_robot_of_mrclam_sees_landmarks_and_moving_clutter() -> None:
     assert all(np.diff([scan.time for scan in drive.scans]) > 0.1)
     assert np.degrees(mad(bearing_residuals(drive))) < 0.5
     assert np.all(mad(whitened(drive)) < 1.3)
+    assert 0.3 < np.mean(np.array(drive.n_detections) == 0) < 0.4
