@@ -24,7 +24,7 @@ KNOWN = 3
 LOST, FOUND = 0.6, 0.35
 """Share of unexplained detections above which the robot is lost, and below which it is found."""
 FEWEST_IN_SIGHT = 5
-"""Landmarks in sight below which nothing can tear."""
+"""Landmarks in sight below which nothing can tear; as many detections of others have to follow."""
 CONTINUES = 3 / 8
 """Share of the landmarks in sight that are seen again, at most, where the estimate tears."""
 OPENING = 4.0
@@ -42,9 +42,11 @@ class Monitor:
     - Most detections belong to no landmark, which is a single one or one of a mere pair. False
       alarms and what is seen in passing stay unexplained in good times too, but they are few.
     - The estimate *tears*: of the landmarks in sight just before a scan, few are seen in it or in
-      the next `FRESH` ones. Landmarks leave one by one; all leave together when the robot was
-      carried away, when its odometer lied, or behind a wall. Beyond the tear a new map grows, and
-      its own scans alone say when the robot is found again.
+      the next `FRESH` ones, which mostly see others instead. Landmarks leave one by one; all give
+      way to others together when the robot was carried away, when its odometer lied, or behind a
+      wall. A sensor that reads nothing for a while, or two landmarks of eight, tears nothing: what
+      it still sees is where it was. Beyond the tear a new map grows, and its own scans alone say
+      when the robot is found again.
 
     Only open scans are judged: with a `SlamConfig.lag` of `FRESH` or less nobody is ever lost.
 
@@ -87,14 +89,21 @@ class Monitor:
 
 
 def _tears(owners: Sequence[IntArray], settled: set[int]) -> bool:
-    """Whether few of the landmarks in sight before the newest scan judged are seen again."""
+    """Whether others took the place of the landmarks in sight before the newest scan judged."""
     before, after = owners[: -FRESH - 1], owners[-FRESH - 1 :]
     counts = Counter(number for owner in before for number in owner.tolist())
     known = settled | {number for number, count in counts.items() if count >= KNOWN}
     in_sight = {number for owner in before[-FRESH:] for number in owner.tolist()} & known
     in_sight.discard(MISSED)
-    again = in_sight & {number for owner in after for number in owner.tolist()}
-    return len(in_sight) >= FEWEST_IN_SIGHT and len(again) <= CONTINUES * len(in_sight)
+    seen = [number for owner in after for number in owner.tolist()]
+    again = [number for number in seen if number in in_sight]
+    others = len(seen) - len(again)
+    return (
+        len(in_sight) >= FEWEST_IN_SIGHT
+        and len(set(again)) <= CONTINUES * len(in_sight)
+        and others >= FEWEST_IN_SIGHT
+        and others > len(again)
+    )
 
 
 def opened(step: Step, factor: float = OPENING) -> Step:

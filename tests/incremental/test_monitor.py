@@ -62,6 +62,13 @@ def test_the_estimate_tears_where_few_landmarks_in_sight_are_seen_again(again: i
     assert not Monitor().after(hidden, NOTHING).tears
 
 
+def test_landmarks_that_are_merely_not_read_tear_nothing() -> None:
+    before = (np.arange(8),) * 4
+    for beyond in (seen(), seen(0, 7), seen(0, 7, 20), seen(20)):
+        assert not Monitor().after(before + (beyond,) * (FRESH + 1), NOTHING).tears
+    assert Monitor().after(before + (seen(20, 21),) * (FRESH + 1), NOTHING).tears
+
+
 def test_few_landmarks_or_unsure_ones_tear_nothing() -> None:
     beyond = (seen(20, 21, 22, 23),) * (FRESH + 1)
     few = (np.arange(4),) * 4
