@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+from scipy.linalg import lapack
 
 from mht_slam import factors
 from mht_slam.arrays import FloatArray
@@ -75,29 +76,33 @@ def _sound_inverse(hessian: FloatArray) -> tuple[float, FloatArray]:
     Scaled to a unit diagonal, its condition is at most its dimension times the trace of its
     inverse; so the eigenvalues are needed only where that says that there may be trouble.
     """
-    try:
-        log_determinant, inverse, bound = _inverted(hessian)
-    except np.linalg.LinAlgError as cause:
+    scale, scaled = _scaled(hessian)
+    root, order = lapack.dpotrf(scaled, lower=1)
+    if order != 0:
         _check_sound(hessian)
-        raise SingularGraphError("the Hessian at the optimum has no Cholesky factor") from cause
+        raise SingularGraphError("the Hessian at the optimum has no Cholesky factor")
+    inverse_root = lapack.dtrtri(root, lower=1)[0]
+    log_determinant, inverse, bound = _inverse(root, inverse_root, scale)
     if not bound <= CONDITION_LIMIT:
         _check_sound(hessian)
     return log_determinant, inverse
 
 
 @compiled
-def _inverted(hessian: FloatArray) -> tuple[float, FloatArray, float]:
-    """Log determinant, inverse, and a bound of the condition of the matrix scaled.
-
-    Raises LAPACK's error, as NumPy does, where there is no Cholesky factor.
-    """
+def _scaled(hessian: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What rows and columns are multiplied by for a unit diagonal, and the matrix so scaled."""
     scale = 1.0 / np.sqrt(np.diag(hessian))
-    outer = np.outer(scale, scale)
-    root = np.linalg.cholesky(hessian * outer)
-    inverse_root = np.linalg.inv(root)
+    return scale, hessian * np.outer(scale, scale)
+
+
+@compiled
+def _inverse(
+    root: FloatArray, inverse_root: FloatArray, scale: FloatArray
+) -> tuple[float, FloatArray, float]:
+    """Log determinant, inverse, and a bound of the scaled condition, from a Cholesky factor."""
     inverse = inverse_root.T @ inverse_root
     log_determinant = 2.0 * np.sum(np.log(np.diag(root)) - np.log(scale))
-    return log_determinant, inverse * outer, len(scale) * np.trace(inverse)
+    return log_determinant, inverse * np.outer(scale, scale), len(scale) * np.trace(inverse)
 
 
 def _check_sound(hessian: FloatArray) -> None:
