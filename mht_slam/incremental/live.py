@@ -7,7 +7,7 @@ from typing import overload
 
 import numpy as np
 
-from mht_slam.arrays import freeze
+from mht_slam.arrays import FloatArray, freeze
 from mht_slam.hypotheses import Hypothesis, Posterior
 from mht_slam.incremental.branch import Branch, Window
 from mht_slam.incremental.history import association_of
@@ -57,8 +57,7 @@ def live_posterior(
     scans see; estimates are those given everything before, in the frame of the first pose. Evidence
     is up to a constant that all of them share.
     """
-    scores = np.array([branch.log_score for branch in branches])
-    probabilities = np.exp(scores - np.logaddexp.reduce(scores)) if len(scores) else scores
+    probabilities = _probabilities(branches)
 
     def make(index: int) -> Hypothesis:
         return _hypothesis(branches[index], float(probabilities[index]))
@@ -69,6 +68,14 @@ def live_posterior(
         model=model,
         unit="metre" if model.motion == "odometry" else "baseline",
     )
+
+
+def _probabilities(branches: Sequence[Branch]) -> FloatArray:
+    if not branches:
+        return np.empty(0)
+    scores = np.array([branch.log_score for branch in branches])
+    scores -= np.round(scores.max(), -6)  # of millions of nats no digits are left for differences
+    return np.asarray(np.exp(scores - np.logaddexp.reduce(scores)))
 
 
 def _hypothesis(branch: Branch, probability: float) -> Hypothesis:
@@ -102,8 +109,7 @@ def marginal_owners(branches: Sequence[Branch], scan: int) -> list[dict[int, flo
     """Return, for each detection of an open scan, the probability of each landmark, -1 for none."""
     if not branches[0].owners:  # before the first scan
         return []
-    scores = np.array([branch.log_score for branch in branches])
-    probabilities = np.exp(scores - np.logaddexp.reduce(scores))
+    probabilities = _probabilities(branches)
     found: list[dict[int, float]] = [{} for _ in branches[0].owners[scan]]
     for branch, p in zip(branches, probabilities.tolist(), strict=True):
         for detection, number in enumerate(branch.owners[scan].tolist()):

@@ -11,6 +11,8 @@ ODOMETRY, SMOOTH, RESTART, STILL, STRAIGHT, FREE = 0, 1, 2, 3, 4, 5
 """Kinds of step; `RESTART` is a smooth step after a standstill, from whose length none is known."""
 N_PARAMETERS = 12
 """Length of a step's row of parameters, whatever its kind."""
+SHORTEST, LONGEST = 1e-9, 1e9
+"""Lengths between which steps are told apart, in the model's unit: doubles hold no more."""
 
 
 @compiled
@@ -74,7 +76,7 @@ def motion_terms(
             slope = 1.0 / (parameters[0] if i < 2 else parameters[1])
             jacobian[i, 3 + i], jacobian[i, 6 + i] = -slope, slope
         return 0.0
-    squared = max(dx * dx + dy * dy, 1e-18)
+    squared = max(dx * dx + dy * dy, SHORTEST * SHORTEST)
     log_step = 0.5 * math.log(squared)
     along_x, along_y = dx / squared, dy / squared
     residual[2] = (log_step - parameters[3]) / parameters[2]
@@ -92,7 +94,7 @@ def motion_terms(
     jacobian[1, 5] = -1.0 / parameters[1]
     if kind == SMOOTH:
         ox, oy = here[0] - before[0], here[1] - before[1]
-        old = max(ox * ox + oy * oy, 1e-18)
+        old = max(ox * ox + oy * oy, SHORTEST * SHORTEST)
         residual[2] = (log_step - 0.5 * math.log(old)) / parameters[2]
         jacobian[2, 0], jacobian[2, 1] = ox / old / parameters[2], oy / old / parameters[2]
         jacobian[2, 3] -= jacobian[2, 0]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mht_slam.arrays import FloatArray, IntArray
-from mht_slam.incremental.motion_terms import motion_terms, wrapped
+from mht_slam.incremental.motion_terms import SHORTEST, motion_terms, wrapped
 
 GAUGE = 1e-4
 """Deviation of the first pose, which carries the frame: lengths and radians."""
@@ -80,7 +80,8 @@ class Committed:
         """Mean and information of the poses and the landmarks at these indices."""
         at = np.concatenate([np.arange(6), (6 + 2 * chosen[:, None] + np.arange(2)).ravel()])
         covariance = self.covariance[np.ix_(at, at)]
-        deviations = np.sqrt(np.diag(covariance))
+        # Rounding may leave nothing of what is surer than doubles can hold.
+        deviations = np.sqrt(np.maximum(np.diag(covariance), SHORTEST**2))
         scale = deviations[:, None] * deviations
         # Poses far off that hang together by a sure step are one pose, as far as doubles can tell.
         information = np.linalg.inv(covariance / scale + JITTER * np.eye(len(at))) / scale
@@ -125,7 +126,9 @@ def points_of(places: FloatArray, centres: FloatArray) -> FloatArray:
 def places_of(points: FloatArray, centres: FloatArray) -> FloatArray:
     """(n, 2) directions and log ranges of points about centres."""
     arm = points - centres
-    return np.stack([np.arctan2(arm[:, 1], arm[:, 0]), np.log(np.hypot(arm[:, 0], arm[:, 1]))], 1)
+    # A landmark may come so near its centre that doubles do not tell them apart.
+    reach = np.maximum(np.hypot(arm[:, 0], arm[:, 1]), SHORTEST)
+    return np.stack([np.arctan2(arm[:, 1], arm[:, 0]), np.log(reach)], 1)
 
 
 def point_jacobians(places: FloatArray) -> FloatArray:

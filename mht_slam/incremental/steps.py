@@ -11,9 +11,11 @@ from mht_slam.arrays import FloatArray
 from mht_slam.errors import MeasurementError
 from mht_slam.incremental.motion_terms import (
     FREE,
+    LONGEST,
     N_PARAMETERS,
     ODOMETRY,
     RESTART,
+    SHORTEST,
     SMOOTH,
     STILL,
     STRAIGHT,
@@ -94,7 +96,7 @@ def next_step(
     still : whether the bearings say that the robot did not move.
     moved : length of the last step that was one, where the step before was a standstill; else None.
 
-    Raises `MeasurementError` where odometry is needed and missing.
+    Raises `MeasurementError` where odometry is needed and missing, or out of all proportion.
     """
     parameters = np.zeros(N_PARAMETERS)
     if model.motion == "odometry":
@@ -103,6 +105,14 @@ def next_step(
             raise MeasurementError(
                 f"scan {number} has no odometry with a covariance: motion 'odometry' needs one in "
                 "every scan but the first"
+            )
+        spreads = np.sqrt(np.linalg.eigvalsh(odometry.covariance))
+        far = math.hypot(odometry.dx, odometry.dy)
+        if not (far <= LONGEST and spreads[0] >= SHORTEST and spreads[2] <= LONGEST):
+            raise MeasurementError(
+                f"scan {number} has odometry of {far:.3g} m with deviations from {spreads[0]:.3g} "
+                f"to {spreads[2]:.3g}: steps end at {LONGEST:g} m, deviations begin at "
+                f"{SHORTEST:g} and end at {LONGEST:g}; check the units"
             )
         parameters[:3] = odometry.dx, odometry.dy, odometry.dtheta
         parameters[3:12] = np.linalg.inv(np.linalg.cholesky(odometry.covariance)).ravel()
@@ -117,7 +127,7 @@ def next_step(
         if first:
             parameters[2] = FRAME_SIGMA
         elif moved is not None:
-            parameters[2], parameters[3] = RESTART_SIGMA, math.log(moved)
+            parameters[2], parameters[3] = RESTART_SIGMA, math.log(max(moved, SHORTEST))
             return Step(RESTART, parameters)
         return Step(SMOOTH, parameters)
     mean = 0.0 if first else model.log_step_mean
@@ -157,11 +167,13 @@ def propose(step: Step, poses: FloatArray) -> Proposals:
         spread, drift = p[0], float(directions[1] - directions[0]) / math.sqrt(3.0)
     else:
         turns, directions, spread, drift = p[0] * TURNS, np.zeros(1), p[0], float(p[1])
-    mean = math.log(math.dist(poses[-1, :2], poses[-2, :2])) if step.kind == SMOOTH else float(p[3])
+    mean = float(p[3])
+    if step.kind == SMOOTH:
+        mean = math.log(max(math.dist(poses[-1, :2], poses[-2, :2]), SHORTEST))
     changes = CHANGES if step.kind == SMOOTH else ANY_CHANGE
     if p[2] <= FRAME_SIGMA:
         changes = np.zeros(1)
-    lengths = np.exp(mean + p[2] * changes)
+    lengths = np.exp(np.clip(mean + p[2] * changes, math.log(SHORTEST), math.log(LONGEST)))
     direction, turn, change = np.meshgrid(directions, turns, np.arange(len(lengths)), indexing="ij")
     length = lengths[change]
     motions = np.stack([length * np.cos(direction), length * np.sin(direction), turn], axis=-1)

@@ -20,7 +20,8 @@ from .test_hostile_runs import bearings, examples, loose_scans, mostly, seen_sca
 Survives = Callable[..., Any]
 
 SIGMAS = st.sampled_from([None, None, None, 1e-12, 1e-6, 0.01, 0.5, 3.1, 1e3])
-MOTIONS = ("smooth", "smooth", "odometry", "odometry", "straight")
+MOTIONS = (*("smooth", "odometry") * 4, "straight", "straight", "free")
+LENGTHS = st.sampled_from([0.0, 1.0, 1.0, 1.0, -1.0, 1e-300, 1e-9, 1e-3, 30.0, 1e6, 1e9, 1e300])
 
 
 @pytest.fixture(scope="module")
@@ -30,16 +31,29 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @st.composite
 def odometry(draw: st.DrawFn) -> ms.Odometry | None:
-    """Steps of any length and turn, some without a covariance, some much too sure."""
-    lengths = st.sampled_from([0.0, 1.0, 1.0, 1.0, -1.0, 1e-9, 1e-3, 30.0, 1e6])
+    """Steps of any length and turn, some without a covariance, some much too sure of all or of
+    one direction."""
     kind = draw(st.sampled_from(["fine", "fine", "fine", "fine", "none", "bare"]))
     if kind == "none":
         return None
-    motion = draw(lengths), draw(st.sampled_from([0.0, 0.0, 0.1, -2.0])), draw(bearings)
+    motion = (
+        draw(LENGTHS),
+        draw(mostly(0.0, 0.1, -2.0, 1e9)),
+        draw(st.one_of(bearings, st.just(1e9))),
+    )
     if kind == "bare":
         return ms.Odometry(*motion)
-    variance = draw(st.sampled_from([1e-2, 1e-3, 1e-4, 1e-12, 1e4]))
-    return ms.Odometry(*motion, [variance, variance, min(variance, 1.0)])
+    variance = draw(st.sampled_from([1e-2, 1e-3, 1e-4, 1e-12, 1e4, 1e-200, 1e200]))
+    covariance = np.diag([variance, variance, min(variance, 1.0)])
+    coupled = draw(mostly(0.0, 0.5, 1.0 - 1e-9, -1.0 + 1e-15))
+    i, j = draw(st.sampled_from([(0, 1), (0, 2), (1, 2)]))
+    covariance[i, j] = covariance[j, i] = (
+        coupled * math.sqrt(covariance[i, i]) * math.sqrt(covariance[j, j])
+    )
+    try:
+        return ms.Odometry(*motion, covariance)
+    except MeasurementError:
+        return ms.Odometry(*motion)
 
 
 @st.composite
@@ -77,13 +91,15 @@ def configs(draw: st.DrawFn) -> dict[str, Any]:
         "depth": draw(st.sampled_from([1, 6])),
         "pair_within": draw(st.sampled_from([1, 5, 100])),
         "return_probability": draw(mostly(0.02, 1e-12, 1.0 - 1e-12)),
-        "sight": draw(st.sampled_from([None, None, 1e-9, 5.0, 1e9])),
+        "sight": draw(st.sampled_from([None, None, 1e-300, 1e-9, 5.0, 1e9, 1e300])),
         "settled": draw(mostly(0.3, 1e-9, 1e9)),
         "active": draw(st.sampled_from([1, 40])),
         "familiar": draw(mostly(0.5, 1e-9, 1e9)),
         "loop_odds": draw(mostly(6.0, 1e-9)),
         "loop_scans": draw(st.sampled_from([1, 3, 50])),
         "loop_every": draw(st.sampled_from([1, 10])),
+        "twin_odds": draw(mostly(1.0, 1e-9, 1e9)),
+        "most_landmarks": draw(st.sampled_from([1, 2, 1000])),
     }
 
 
@@ -144,6 +160,30 @@ def test_the_estimator_survives(
         assert 0 <= scan_number < len(taken)
         assert count >= 1
         assert math.isfinite(odds)
+
+
+@examples(2)
+@given(count=st.sampled_from([100, 300]), motion=st.sampled_from(MOTIONS[:3]), data=st.data())
+def test_crowds_survive(count: int, motion: ms.Motion, data: Any) -> None:
+    """Hundreds of detections, all of them alike in some scans."""
+    config = ms.SlamConfig(motion=motion, hypotheses=2, start_hypotheses=2)
+    slam = ms.MultiHypothesisSlam(config)
+    rng = np.random.default_rng(data.draw(st.integers(0, 99)))
+    for _ in range(3):
+        alike = data.draw(st.sampled_from([False, False, True]))
+        angles = np.full(count, 0.7) if alike else rng.uniform(-math.pi, math.pi, count)
+        step = ms.Odometry(1.0, 0.0, 0.1, [0.01, 0.01, 0.001])
+        check_belief(slam, slam.update(ms.BearingScan(angles, odometry=step)))
+
+
+@pytest.mark.parametrize("motion", ["smooth", "odometry", "straight"])
+def test_two_thousand_scans_of_nothing_survive(motion: ms.Motion) -> None:
+    slam = ms.MultiHypothesisSlam(ms.SlamConfig(motion=motion))
+    step = ms.Odometry(1.0, 0.0, 0.01, [0.01, 0.01, 0.001])
+    for k in range(2000):
+        posterior = slam.update(ms.BearingScan([], time=float(k), odometry=step))
+    check_belief(slam, posterior)
+    assert slam.association.n_landmarks == 0
 
 
 def check_belief(slam: ms.MultiHypothesisSlam, posterior: ms.Posterior) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import mht_slam as ms
-from mht_slam.incremental.live import OnDemand, marginal_owners
+from mht_slam.incremental.live import OnDemand, live_posterior, marginal_owners
 from mht_slam.incremental.past import points_of
 
 from .drives import config_for, fed, ordinary
@@ -25,6 +26,18 @@ def test_probabilities_are_those_of_the_branches_kept(slam: ms.MultiHypothesisSl
     found = [h.probability for h in slam.posterior]
     np.testing.assert_allclose(found, weights / weights.sum(), atol=1e-12)
     assert len(found) > 1
+
+
+def test_probabilities_sum_to_one_after_billions_of_nats(slam: ms.MultiHypothesisSlam) -> None:
+    branches = [replace(slam._branches[0], log_pattern=-1e10 - i) for i in range(5)]
+    posterior = live_posterior(branches, slam._window, slam.config.observation_model)
+    weights = np.exp(-np.arange(5.0))
+    # A score of 1e10 holds six digits behind the point.
+    found = [h.probability for h in posterior]
+    np.testing.assert_allclose(found, weights / weights.sum(), atol=1e-5)
+    assert sum(found) == pytest.approx(1.0, abs=1e-9)
+    for marginal in marginal_owners(branches, 0):
+        assert sum(marginal.values()) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_a_hypothesis_tells_the_estimate_of_its_branch(slam: ms.MultiHypothesisSlam) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mht_slam.arrays import FloatArray, IntArray
-from mht_slam.incremental.motion_terms import ODOMETRY, SMOOTH
+from mht_slam.incremental.motion_terms import ODOMETRY, SHORTEST, SMOOTH
 from mht_slam.incremental.past import (
     WIDE_DIRECTION,
     WIDE_LOG_RANGE,
@@ -226,6 +227,19 @@ def test_the_deviation_from_the_robot_is_that_of_samples(seed: int) -> None:
         seen = np.column_stack([c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]])
         greatest = math.sqrt(np.linalg.eigvalsh(np.cov(seen.T))[-1])
         assert past.deviations_from_robot()[i] == pytest.approx(greatest, rel=0.03)
+
+
+def test_a_landmark_at_its_centre_has_the_shortest_range_there_is() -> None:
+    places = places_of(np.array([[3.0, 1.0]]), np.array([[3.0, 1.0]]))
+    np.testing.assert_allclose(places[:, 1], math.log(SHORTEST))
+
+
+def test_what_is_surer_than_doubles_hold_has_a_finite_information() -> None:
+    past = nothing_committed()
+    sure = replace(past, covariance=np.diag([1.0, 1.0, 1.0, 0.0, -1e-40, 1.0]))
+    _, information = sure.marginal(np.empty(0, np.int64))
+    assert np.isfinite(information).all()
+    assert (np.diag(information) > 0.0).all()
 
 
 def test_the_marginal_of_some_is_the_inverse_of_their_covariance() -> None:

@@ -9,7 +9,16 @@ import pytest
 
 from mht_slam.arrays import FloatArray
 from mht_slam.errors import MeasurementError
-from mht_slam.incremental.motion_terms import FREE, ODOMETRY, RESTART, SMOOTH, STILL, STRAIGHT
+from mht_slam.incremental.motion_terms import (
+    FREE,
+    LONGEST,
+    ODOMETRY,
+    RESTART,
+    SHORTEST,
+    SMOOTH,
+    STILL,
+    STRAIGHT,
+)
 from mht_slam.incremental.steps import Proposals, Step, frame_step, next_step, propose
 from mht_slam.measurements import BearingScan, Odometry
 from mht_slam.models import Motion, ObservationModel
@@ -116,6 +125,46 @@ def test_after_a_standstill_any_step_length_is_tried() -> None:
     lengths = np.hypot(motions[:, 0], motions[:, 1])
     assert lengths.min() < 1.4 / 8.0
     assert lengths.max() > 1.4 * 8.0
+
+
+def test_after_a_step_of_no_length_the_next_is_as_long_as_its_factor_has_it() -> None:
+    """Two poses may coincide to the bit: then the last step counts as the shortest there is."""
+    step = STEPS["smooth"]
+    here = np.array([HERE[1], HERE[1]])
+    motions = propose(step, here).motions
+    lengths = np.hypot(motions[:, 0], motions[:, 1])
+    _, residual, _ = terms(step.kind, step.parameters, [*here, here[1] + [SHORTEST, 0.0, 0.0]])
+    assert residual[2] == pytest.approx(0.0, abs=1e-6)
+    assert lengths.min() == pytest.approx(SHORTEST)
+    assert (lengths < 2.0 * SHORTEST).all()
+    restart = step_of("smooth", moved=0.0)
+    assert restart.kind == RESTART
+    assert restart.parameters[3] == math.log(SHORTEST)
+
+
+@pytest.mark.parametrize("motion", ["smooth", "straight", "free"])
+def test_no_step_is_tried_that_doubles_do_not_hold(motion: Motion) -> None:
+    model = ObservationModel(
+        sigma=0.01, motion=motion, step_change_sigma=400.0, log_step_sigma=400.0, log_step_mean=50.0
+    )
+    motions = propose(next_step(model, SCAN, 5, False, None), HERE).motions
+    lengths = np.hypot(motions[:, 0], motions[:, 1])
+    assert lengths.min() == pytest.approx(SHORTEST)
+    assert lengths.max() == pytest.approx(LONGEST)
+
+
+@pytest.mark.parametrize(
+    "odometry",
+    [
+        Odometry(1e300, 0.0, 0.0, [1e-2, 1e-2, 1e-3]),
+        Odometry(1.0, 0.0, 0.0, [1e-200, 1e-2, 1e-3]),
+        Odometry(1.0, 0.0, 0.0, [1e-2, 1e200, 1e-3]),
+    ],
+)
+def test_odometry_out_of_all_proportion_is_refused(odometry: Odometry) -> None:
+    model = ObservationModel(sigma=0.01, motion="odometry")
+    with pytest.raises(MeasurementError, match=r"scan 3 has odometry of .* check the units"):
+        next_step(model, BearingScan([0.1], odometry=odometry), 3, False, None)
 
 
 @pytest.mark.parametrize("motion", ["smooth", "straight", "free"])
