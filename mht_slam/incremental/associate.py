@@ -24,6 +24,7 @@ from mht_slam.incremental.prediction import (
 )
 from mht_slam.incremental.steps import Proposals
 from mht_slam.matchings import Matches, ranked_matchings
+from mht_slam.models import Motion
 
 CERTAIN = 1.0 - 1e-9
 """The greatest chance of a detection: misses stay possible."""
@@ -196,7 +197,7 @@ def predict(
                 weights.landmark(number)
                 - weights.alone(number)
                 - math.log(2.0 * math.pi)
-                + _log_seen_again(model.detection_probability, stay, back, gap)
+                + log_seen_again(model.detection_probability, stay, back, gap)
                 - alone
             )
         c, s = math.cos(here[2]), math.sin(here[2])
@@ -211,7 +212,7 @@ def predict(
             spreads,
             log_together,
             model.landmark_sigma,
-            NEAREST_METRES if model.motion == "odometry" else NEAREST_BASELINES,
+            shortest_range(model.motion),
             bearings,
             sigmas,
             dof,
@@ -341,7 +342,7 @@ def _singles(branch: Branch, newest: int, within: int) -> list[tuple[int, int]]:
 
 
 @lru_cache
-def _log_seen_again(chance: float, stay: float, back: float, gap: int) -> float:
+def log_seen_again(chance: float, stay: float, back: float, gap: int) -> float:
     """Log chance that a landmark just seen is next seen after so many scans."""
     visible, total = 1.0, 0.0
     for i in range(gap):
@@ -351,6 +352,11 @@ def _log_seen_again(chance: float, stay: float, back: float, gap: int) -> float:
         total += math.log1p(-min(visible * chance, CERTAIN))
         visible = visible * (1.0 - chance) / max(1.0 - visible * chance, 1e-9)
     return total
+
+
+def shortest_range(motion: Motion) -> float:
+    """Return the shortest range tried for a landmark seen once, in the unit of the run."""
+    return NEAREST_METRES if motion == "odometry" else NEAREST_BASELINES
 
 
 def _in_view(

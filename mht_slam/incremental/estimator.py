@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -32,6 +32,7 @@ from mht_slam.incremental.motion_terms import ODOMETRY, STILL
 from mht_slam.incremental.past import Committed, nothing_committed, points_of
 from mht_slam.incremental.slam_map import SlamMap
 from mht_slam.incremental.steps import Step, frame_step, next_step, propose
+from mht_slam.incremental.strays import strays_reread
 from mht_slam.incremental.whole_run import WholeRun, smooth_whole_run
 from mht_slam.measurements import BearingScan, wrap_angle
 
@@ -39,6 +40,8 @@ Status: TypeAlias = Literal["initialising", "tracking", "lost"]
 
 ROUNDS = 10
 """Gauss-Newton steps at most for one branch and scan; most need two."""
+READINGS = 3
+"""Times that strays are read again and the run is smoothed, at most."""
 STARTED = 3
 """Scans before there is a posterior: fewer tell nothing apart."""
 
@@ -160,8 +163,12 @@ class MultiHypothesisSlam:
 
     @property
     def association(self) -> Association:
-        """Everything so far, as the best hypothesis has it: landmarks seen twice or more."""
-        return association_of(self._owners())[0]
+        """Everything so far, as the best hypothesis has it: landmarks seen twice or more.
+
+        Strays are read again in the light of the whole run, which is smoothed for it (see
+        `mht_slam.incremental.strays`).
+        """
+        return association_of(self.whole_run.owners)[0]
 
     @property
     def trajectory(self) -> FloatArray:
@@ -172,7 +179,7 @@ class MultiHypothesisSlam:
     def map(self) -> SlamMap:
         """Smoothed landmarks, in the order of the rows of `association`, on demand."""
         whole = self.whole_run
-        _, numbers = association_of(self._owners())
+        _, numbers = association_of(whole.owners)
         at = np.searchsorted(whole.numbers, numbers)
         return SlamMap(numbers, freeze(whole.points[at]), whole.counts[at], at, whole)
 
@@ -183,22 +190,20 @@ class MultiHypothesisSlam:
         Takes time that grows with the run; made once per scan, when asked for.
         """
         if self._whole_run is None or self._whole_run[0] != self.n_scans:
-            model, history = self.config.observation_model, self._history
-            best = self._branches[0]
+            best, history = self._branches[0], self._history
             points = dict(zip(self._past.ids.tolist(), self._past.points, strict=True))
             open_points = points_of(best.places, best.centres)
             points.update(zip(best.ids.tolist(), open_points, strict=True))
-            solution = smooth_whole_run(
-                history.steps,
-                self._owners(),
-                history.bearings,
-                history.sigmas,
-                self.online_trajectory,
-                points,
-                dof=model.bearing_dof,
-                landmark_sigma=model.landmark_sigma,
-            )
-            self._whole_run = self.n_scans, solution
+            whole = self._smoothed(self._owners(), self.online_trajectory, points)
+            for _ in range(READINGS):
+                owners = strays_reread(
+                    whole, whole.owners, history.bearings, history.sigmas, self.config
+                )
+                if owners is None:
+                    break
+                points = dict(zip(whole.numbers.tolist(), whole.points, strict=True))
+                whole = self._smoothed(owners, whole.poses, points)
+            self._whole_run = self.n_scans, whole
         return self._whole_run[1]
 
     @property
@@ -406,6 +411,21 @@ class MultiHypothesisSlam:
         lost = len(renewed) - len(usable)
         self._dropped += [Dropped("no optimum", math.inf)] * (lost if usable else 0)
         self._branches = self._kept(usable or map(unsolved, renewed))
+
+    def _smoothed(
+        self, owners: Sequence[IntArray], poses: FloatArray, points: dict[int, FloatArray]
+    ) -> WholeRun:
+        history, model = self._history, self.config.observation_model
+        return smooth_whole_run(
+            history.steps,
+            owners,
+            history.bearings,
+            history.sigmas,
+            poses,
+            points,
+            dof=model.bearing_dof,
+            landmark_sigma=model.landmark_sigma,
+        )
 
     def _owners(self) -> list[IntArray]:
         return self._history.owners_now(self._branches[0].owners)

@@ -18,6 +18,8 @@ SHORTEST, LONGEST = 1e-9, 1e9
 @compiled
 def wrapped(angle: float) -> float:
     """Return the angle moved by whole turns into [-pi, pi)."""
+    if -math.pi <= angle < math.pi:
+        return angle
     return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 

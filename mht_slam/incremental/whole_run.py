@@ -35,6 +35,7 @@ class WholeRun:
     numbers : (n,) landmarks, increasing.
     points : (n, 2).
     counts : (n,) detections of each.
+    owners : for each scan the landmark of each detection, -1 for none, as they were given.
     graph, values : to go on in GTSAM; keys are x0, x1, ... and l of the landmark's place in
         `numbers`.
     """
@@ -43,6 +44,7 @@ class WholeRun:
     numbers: IntArray
     points: FloatArray
     counts: IntArray
+    owners: tuple[IntArray, ...]
     graph: gtsam.NonlinearFactorGraph
     values: gtsam.Values
 
@@ -112,6 +114,7 @@ def smooth_whole_run(
         numbers=np.array(list(rows), np.int64),
         counts=np.array([len(row) for row in rows.values()], np.int64),
         points=np.array([values.atPoint2(L(i)) for i in range(len(rows))]).reshape(-1, 2),
+        owners=tuple(owners),
         graph=graph,
         values=values,
     )
