@@ -13,7 +13,15 @@ from gtsam.symbol_shorthand import L, X
 from mht_slam import factors
 from mht_slam.arrays import FloatArray, IntArray
 from mht_slam.association import MISSED
-from mht_slam.incremental.motion_terms import FREE, ODOMETRY, RESTART, SMOOTH, STILL, STRAIGHT
+from mht_slam.incremental.motion_terms import (
+    FREE,
+    ODOMETRY,
+    RESTART,
+    SHORTEST,
+    SMOOTH,
+    STILL,
+    STRAIGHT,
+)
 from mht_slam.incremental.steps import FRAME_SIGMA, Step
 
 WIDER = 10.0
@@ -142,7 +150,7 @@ def _step_factors(steps: Sequence[Step], poses: FloatArray) -> list[gtsam.Nonlin
         if kind == STILL:
             result.append(factors.standstill(here, there, p[0]))
             continue
-        around = max(math.dist(poses[k, :2], poses[k - 1, :2]), 1e-9)
+        around = max(math.dist(poses[k, :2], poses[k - 1, :2]), SHORTEST)
         if kind == STRAIGHT:
             result.append(factors.heading_prior(there, 0.0, p[0]))
             result.append(factors.on_line(there, 0.0, p[1]))
@@ -150,8 +158,10 @@ def _step_factors(steps: Sequence[Step], poses: FloatArray) -> list[gtsam.Nonlin
             result.append(factors.turn(here, there, p[0]))
             result.append(factors.drift(here, there, p[1]))
         if kind == SMOOTH and k > 1:
-            keys = (X(k - 2), here, there)
-            result.append(factors.step_change(keys, poses[k - 2 : k + 1], p[2]))
+            around_both = poses[k - 2 : k + 1]
+            if np.hypot(*np.diff(around_both[:, :2], axis=0).T).min() > SHORTEST:
+                result.append(factors.step_change((X(k - 2), here, there), around_both, p[2]))
+            # A step of no length has no direction in which it could change.
         else:
             mean = p[3] if kind in (RESTART, STRAIGHT, FREE) else 0.0
             result.append(factors.log_step(here, there, mean, p[2], around))

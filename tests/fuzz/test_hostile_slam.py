@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mht_slam as ms
+from mht_slam.arrays import freeze
 from mht_slam.errors import MeasurementError
 
 from .test_hostile_runs import bearings, examples, loose_scans, mostly, seen_scans
@@ -156,10 +157,21 @@ def test_the_estimator_survives(
         check_belief(slam, posterior)
     assert slam.association.n_detections == tuple(taken)
     assert slam.online_trajectory.shape == (len(taken), 3)
+    check_whole_run(slam, survives)
     for scan_number, count, odds in slam.loops:
         assert 0 <= scan_number < len(taken)
         assert count >= 1
         assert math.isfinite(odds)
+
+
+def check_whole_run(slam: ms.MultiHypothesisSlam, survives: Survives) -> None:
+    """The run smoothed as a whole has a place for everything, or is refused."""
+    poses = survives(lambda: freeze(slam.trajectory.copy()))
+    if poses is not None:
+        assert poses.shape == (slam.n_scans, 3)
+        points = slam.map.points
+        assert points.shape == (slam.association.n_landmarks, 2)
+        assert np.isfinite(points).all(), "a landmark"
 
 
 @examples(2)

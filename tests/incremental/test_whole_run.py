@@ -276,3 +276,17 @@ def test_the_first_heading_of_a_straight_run_is_off_its_line_like_any_other() ->
             assert (np.abs(headings - run.truth[:, 2]) < 4.0 * sigmas).all(), seed
         first.append(abs(run.truth[0, 2]) / sigmas[0])
     assert max(first) > 10.0, "none of the runs would tell"
+
+
+def test_a_smooth_run_with_a_step_of_no_length_has_an_optimum() -> None:
+    """The online estimate of two poses may coincide to the bit."""
+    model = ms.ObservationModel(sigma=0.01, motion="smooth")
+    scan = ms.BearingScan([])
+    steps = [frame_step(), *(next_step(model, scan, k, False, None) for k in range(1, 4))]
+    poses = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 0], [2, 0, 0]])
+    nothing, nobody = [np.empty(0)] * 4, [np.empty(0, np.int64)] * 4
+    whole = smooth_whole_run(
+        steps, nobody, nothing, nothing, poses, {}, dof=None, landmark_sigma=15.0
+    )
+    assert np.isfinite(whole.poses).all()
+    np.testing.assert_allclose(whole.poses[:2], poses[:2], atol=1e-3)
