@@ -183,9 +183,10 @@ def log_sightings(
     Parameters
     ----------
     poses, bearings, sigmas : (k, 3), (k,), (k,).
-    nearest : the shortest range.
+    nearest : the shortest range; `landmark_sigma` where that is shorter.
     """
-    rho = np.linspace(math.log(nearest), math.log(4.0 * landmark_sigma), RANGES)
+    shortest = min(nearest, landmark_sigma)
+    rho = np.linspace(math.log(shortest), math.log(4.0 * landmark_sigma), RANGES)
     reach = np.exp(rho)
     phi = np.full(RANGES, poses[0, 2] + bearings[0])
     heavy = math.inf if dof is None else dof

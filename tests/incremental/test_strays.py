@@ -101,6 +101,12 @@ class Row:
         return strays_reread(self.smoothed(), self.owners, self.bearings, self.sigmas, config)
 
 
+def test_landmarks_nearer_than_the_shortest_range_have_a_weight() -> None:
+    poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    weight = log_sightings(poses, np.zeros(2), np.full(2, SIGMA), None, 1e-6, 0.03)
+    assert math.isfinite(weight)
+
+
 def renamed(row: Row, landmark: int, scans: range) -> Row:
     for k in scans:
         row.owners[k] = np.where(row.owners[k] == landmark, STRAY, row.owners[k])
