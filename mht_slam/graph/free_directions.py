@@ -108,8 +108,9 @@ def whitened_jacobian(
     """
     rows, columns = np.nonzero(table != MISSED)
     offset = landmarks[rows] - poses[columns, :2]
-    squared = np.maximum((offset**2).sum(axis=1), (NEAREST * problem.baseline) ** 2)
-    by_landmark = np.column_stack([-offset[:, 1], offset[:, 0]]) / squared[:, None]
+    # Divided twice: the square of a range of 1e180 baselines is beyond floats.
+    reach = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), NEAREST * problem.baseline)[:, None]
+    by_landmark = np.column_stack([-offset[:, 1], offset[:, 0]]) / reach / reach
     by_pose = np.column_stack([-by_landmark, np.full(len(rows), -1.0)])
     n_poses = len(coordinates.names)
     jacobian = np.zeros((len(rows), n_poses + 2 * len(landmarks)))
@@ -322,5 +323,5 @@ def _names_of_subspace(free: FloatArray, names: list[str], axes: FloatArray) -> 
 
 
 def _unit(vector: FloatArray) -> FloatArray:
-    length = float(np.linalg.norm(vector))
+    length = math.hypot(*vector)  # which squares nothing beyond floats
     return vector / length if length > 0.0 else np.eye(len(vector))[0]

@@ -288,6 +288,18 @@ def test_a_single_landmark_leaves_headings_to_their_prior() -> None:
     assert len(found.free_directions) >= 3
 
 
+def test_a_place_beyond_the_squares_of_floats_is_linearised_without_overflow() -> None:
+    """A single bearing of 1e-181 in the second run lies 1e180 baselines away from the first."""
+    scans = [[], [0.7, 0.0], [], [9.78335057e-182]]
+    pair = ms.RunPair(
+        [ms.BearingScan(b, sigma=1000.0) for b in scans[:2]],
+        [ms.BearingScan(b, sigma=1000.0) for b in scans[2:]],
+    )
+    association = ms.Association([[-1, 0, -1, 0], [-1, 1, -1, -1]], (0, 2, 0, 1))
+    found = observability(pair, association, ms.ObservationModel(sigma=0.02, heading_sigma=0.0))
+    assert "distance of landmark 0" in found.free_directions
+
+
 def test_names_say_scans_of_the_run() -> None:
     seen = np.ones((4, 5), bool)
     seen[:, 4] = False
