@@ -1,28 +1,35 @@
 """Calibration of the estimator's live probabilities: who is each detection of the newest scan.
 
-    python benchmarks/recordings/live_calibration.py [--output DIR] [--set SET ...] [--workers N]
+    python benchmarks/recordings/live_calibration.py [--output DIR] [--set SET ...] [--half HALF]
+        [--workers N]
 
 Every detection is one forecast: over the landmarks that any hypothesis gives it, and none. A
-landmark is who its first detection is. None is right for a false alarm and for the first detection
-of a landmark that is really new. The drives are the scored half of each set (drive_sets.py), the
-models those of the study of drives. Expected calibration errors stand beside what a perfect
-forecaster of the same probabilities shows.
+landmark is who most of its detections so far are, as the best hypothesis reads them. None is right
+for a false alarm and for the first detection of a landmark that is really new. The drives are those
+of one half of each set (drive_sets.py), the models those of the study of drives. Expected
+calibration errors stand beside what a perfect forecaster of the same probabilities shows. Beside
+the excess stand that of the hypotheses' own probabilities, without the doubts about the map
+(mht_slam.incremental.doubts), and with them where a landmark is who its first detection is.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from drive_sets import MODELS, drives_of, half_of
+from drive_sets import HALVES, MODELS, drives_of, half_of
 from rich.console import Console
 
 import mht_slam as ms
+from mht_slam.arrays import IntArray
+from mht_slam.association import MISSED
 from mht_slam.datasets import Drive
 from mht_slam.errors import RecordingNotFoundError
 from mht_slam.evaluation.calibration import (
@@ -31,6 +38,7 @@ from mht_slam.evaluation.calibration import (
     top_forecast,
 )
 from mht_slam.incremental.branch import first_detection
+from mht_slam.incremental.live import marginal_owners
 from mht_slam.parallel import ordered_map
 from mht_slam.plotting.reliability import draw_reliability_curve
 
@@ -41,14 +49,23 @@ FEWEST = 30
 """Events below which a point of a curve is not drawn."""
 
 
+@dataclass
+class Found:
+    """Forecasts of a drive, read in three ways: as stated, without doubts, by first detections."""
+
+    stated: list[Forecast] = field(default_factory=list)
+    undoubted: list[Forecast] = field(default_factory=list)
+    by_first: list[Forecast] = field(default_factory=list)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive, count, and write summary.md and live_calibration.png."""
     options = _parse(arguments)
     options.output.mkdir(parents=True, exist_ok=True)
     lines = [
         "| set | scans | detections | mean probability of the first answer | right | ECE "
-        "| of chance | excess |",
-        "|---|---|---|---|---|---|---|---|",
+        "| of chance | excess | without doubts | by first detections |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     later: dict[str, list[Forecast]] = {}
     with ProcessPoolExecutor(options.workers) as executor:
@@ -58,12 +75,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             except RecordingNotFoundError as error:
                 print(f"live_calibration: {error}", file=sys.stderr)
                 return 2
-            places = [i for i in range(count) if half_of(name, i) == "scored"]
+            places = [i for i in range(count) if half_of(name, i) == options.half]
             told = list(ordered_map(executor, forecasts_of, [(name, i) for i in places]))
             for part, chosen in (("first ten", 0), ("later", 1)):
-                forecasts = [forecast for drive in told for forecast in drive[chosen]]
-                lines.append(_row(name, part, forecasts))
-            later[name] = [forecast for drive in told for forecast in drive[1]]
+                found = _together([drive[chosen] for drive in told])
+                lines.append(_row(name, part, found))
+            later[name] = found.stated
     table = "\n".join(lines) + "\n"
     (options.output / "summary.md").write_text(table)
     _draw(later, options.output / "live_calibration.png")
@@ -71,44 +88,79 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def forecasts_of(place: tuple[str, int]) -> tuple[list[Forecast], list[Forecast]]:
+def forecasts_of(place: tuple[str, int]) -> tuple[Found, Found]:
     """Return the forecasts for the first `START` scans of a drive, and for the others."""
     name, index = place
     drive = drives_of(name)[index]
     slam = ms.MultiHypothesisSlam(ms.SlamConfig(model=MODELS[name]))
-    found: tuple[list[Forecast], list[Forecast]] = [], []
+    found = Found(), Found()
     met: set[int] = set()
     for k, (scan, who) in enumerate(zip(drive.scans, drive.identities, strict=True)):
         slam.update(scan)
         if k:
-            for truth, owners in zip(who.tolist(), slam.marginal_associations, strict=True):
-                right = [
-                    truth < 0 or truth not in met
-                    if number < 0
-                    else 0 <= truth == _who(drive, number)
-                    for number in owners
-                ]
-                # A landmark in two pieces is right under either name; probabilities add up.
-                p = list(owners.values())
-                true = sum(x for x, fine in zip(p, right, strict=True) if fine)
-                wrong = [x for x, fine in zip(p, right, strict=True) if not fine]
-                listed = any(right)
-                entries = ([true] if listed else []) + wrong
-                found[k >= START].append(Forecast(np.minimum(entries, 1.0), 0 if listed else None))
+            majority = majorities(drive, slam._owners()[:-1])
+            newest = len(slam._branches[0].owners) - 1
+            undoubted = marginal_owners(slam._branches, newest)
+            into = found[k >= START]
+            for truth, owners, raw in zip(
+                who.tolist(), slam.marginal_associations, undoubted, strict=True
+            ):
+                first = {number: _first(drive, number) for number in owners}
+                most = {number: majority.get(number, first[number]) for number in owners}
+                known = truth in met
+                into.stated.append(_forecast(truth, known, owners, most))
+                into.undoubted.append(_forecast(truth, known, raw, most))
+                into.by_first.append(_forecast(truth, known, owners, first))
         met |= {identity for identity in who.tolist() if identity >= 0}
     return found
 
 
-def _who(drive: Drive, number: int) -> int:
+def majorities(drive: Drive, owners: Sequence[IntArray]) -> dict[int, int]:
+    """Return who most detections of each landmark are, the first one where two are as many."""
+    counts: dict[int, Counter[int]] = {}
+    for owner, who in zip(owners, drive.identities, strict=False):
+        for number, identity in zip(owner.tolist(), who.tolist(), strict=True):
+            counts.setdefault(number, Counter())[identity] += 1
+    return {number: count.most_common(1)[0][0] for number, count in counts.items()}
+
+
+def _first(drive: Drive, number: int) -> int:
+    if number == MISSED:
+        return MISSED
     scan, detection = first_detection(number)
     return int(drive.identities[scan][detection])
 
 
-def _row(name: str, part: str, forecasts: Sequence[Forecast]) -> str:
-    top = top_forecast(forecasts)
-    error = expected_calibration_error_excess(forecasts, rng=np.random.default_rng(0), n_draws=100)
-    figures = (top.mean_probability, top.accuracy, error.error, error.of_chance, error.excess)
-    cells = [name, part, str(len(forecasts)), *(f"{figure:.3f}" for figure in figures)]
+def _forecast(truth: int, known: bool, owners: dict[int, float], who: dict[int, int]) -> Forecast:
+    right = [
+        truth < 0 or not known if number == MISSED else 0 <= truth == who[number]
+        for number in owners
+    ]
+    # A landmark in two pieces is right under either name; probabilities add up.
+    p = list(owners.values())
+    true = sum(x for x, fine in zip(p, right, strict=True) if fine)
+    wrong = [x for x, fine in zip(p, right, strict=True) if not fine]
+    listed = any(right)
+    return Forecast(np.minimum(([true] if listed else []) + wrong, 1.0), 0 if listed else None)
+
+
+def _together(parts: Sequence[Found]) -> Found:
+    return Found(
+        [forecast for part in parts for forecast in part.stated],
+        [forecast for part in parts for forecast in part.undoubted],
+        [forecast for part in parts for forecast in part.by_first],
+    )
+
+
+def _row(name: str, part: str, found: Found) -> str:
+    top = top_forecast(found.stated)
+    error, *others = (
+        expected_calibration_error_excess(some, rng=np.random.default_rng(0), n_draws=100)
+        for some in (found.stated, found.undoubted, found.by_first)
+    )
+    figures = [top.mean_probability, top.accuracy, error.error, error.of_chance, error.excess]
+    figures += [other.excess for other in others]
+    cells = [name, part, str(len(found.stated)), *(f"{figure:.3f}" for figure in figures)]
     return "| " + " | ".join(cells) + " |"
 
 
@@ -133,6 +185,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
     parser.add_argument("--output", type=Path, default=Path("runs/live_calibration"))
     parser.add_argument("--set", nargs="+", choices=list(MODELS), default=list(SETS))
+    parser.add_argument("--half", choices=HALVES, default="scored")
     parser.add_argument("--workers", type=int, default=1)
     return parser.parse_args(arguments)
 

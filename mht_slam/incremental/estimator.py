@@ -25,6 +25,7 @@ from mht_slam.incremental.branch import (
     unsolved,
 )
 from mht_slam.incremental.config import SlamConfig
+from mht_slam.incremental.doubts import trusted
 from mht_slam.incremental.history import History, association_of
 from mht_slam.incremental.live import live_posterior, marginal_owners
 from mht_slam.incremental.monitor import FRESH, TORN, Monitor, opened
@@ -215,8 +216,13 @@ class MultiHypothesisSlam:
 
     @property
     def marginal_associations(self) -> list[dict[int, float]]:
-        """For each detection of the newest scan, the probability of each landmark, -1 for none."""
-        return marginal_owners(self._branches, len(self._window.bearings) - 1)
+        """For each detection of the newest scan, the probability of each landmark, -1 for none.
+
+        What is missing to 1 is the chance that it belongs to something else, because the map is
+        mistaken (`mht_slam.incremental.doubts`).
+        """
+        owners = marginal_owners(self._branches, len(self._window.bearings) - 1)
+        return trusted(owners, self._history, self._past, self._branches[0], self.config)
 
     @property
     def dropped(self) -> tuple[Dropped, ...]:

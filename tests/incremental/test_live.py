@@ -75,7 +75,7 @@ def test_a_hypothesis_tells_the_estimate_of_its_branch(slam: ms.MultiHypothesisS
 def test_marginals_add_up_the_branches_that_agree(slam: ms.MultiHypothesisSlam) -> None:
     probabilities = [h.probability for h in slam.posterior]
     newest = len(slam._window.bearings) - 1
-    for d, marginal in enumerate(slam.marginal_associations):
+    for d, marginal in enumerate(marginal_owners(slam._branches, newest)):
         for number, probability in marginal.items():
             agreeing = [
                 p
