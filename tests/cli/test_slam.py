@@ -120,7 +120,7 @@ def test_every_scan_has_its_line(whole: tuple[list[str], Path], scan_file: Path)
         assert line["time"] == scan.time
         assert len(line["detections"]) == len(scan)
         for readings in line["detections"]:
-            assert sum(readings.values()) == pytest.approx(1.0, abs=1e-5)
+            assert 0.0 < sum(readings.values()) < 1.0 + 1e-5  # the rest: the map is mistaken
             assert list(readings.values()) == sorted(readings.values(), reverse=True)
         assert -180.0 < line["pose"]["theta_deg"] <= 180.0
     assert all(1 <= line["hypotheses"] <= 4 for line in lines[6:])  # more may be open at the start
