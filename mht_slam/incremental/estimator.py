@@ -26,6 +26,7 @@ from mht_slam.incremental.branch import (
 )
 from mht_slam.incremental.config import SlamConfig
 from mht_slam.incremental.doubts import trusted
+from mht_slam.incremental.hindsight import in_hindsight
 from mht_slam.incremental.history import History, association_of
 from mht_slam.incremental.live import live_posterior, marginal_owners
 from mht_slam.incremental.monitor import FRESH, TORN, Monitor, opened
@@ -33,7 +34,6 @@ from mht_slam.incremental.motion_terms import ODOMETRY, STILL
 from mht_slam.incremental.past import Committed, nothing_committed, points_of
 from mht_slam.incremental.slam_map import SlamMap
 from mht_slam.incremental.steps import Step, frame_step, next_step, propose
-from mht_slam.incremental.strays import strays_reread
 from mht_slam.incremental.whole_run import WholeRun, smooth_whole_run
 from mht_slam.measurements import BearingScan, wrap_angle
 
@@ -41,8 +41,6 @@ Status: TypeAlias = Literal["initialising", "tracking", "lost"]
 
 ROUNDS = 10
 """Gauss-Newton steps at most for one branch and scan; most need two."""
-READINGS = 3
-"""Times that strays are read again and the run is smoothed, at most."""
 STARTED = 3
 """Scans before there is a posterior: fewer tell nothing apart."""
 
@@ -166,8 +164,8 @@ class MultiHypothesisSlam:
     def association(self) -> Association:
         """Everything so far, as the best hypothesis has it: landmarks seen twice or more.
 
-        Strays are read again in the light of the whole run, which is smoothed for it (see
-        `mht_slam.incremental.strays`).
+        Read again in the light of the whole run, which is smoothed for it (see
+        `mht_slam.incremental.hindsight`).
         """
         return association_of(self.whole_run.owners)[0]
 
@@ -186,7 +184,7 @@ class MultiHypothesisSlam:
 
     @property
     def whole_run(self) -> WholeRun:
-        """The graph of the whole run under the best association, solved from the online estimate.
+        """The graph of the whole run, solved from the online estimate and read in hindsight.
 
         Takes time that grows with the run; made once per scan, when asked for.
         """
@@ -196,15 +194,12 @@ class MultiHypothesisSlam:
             open_points = points_of(best.places, best.centres)
             points.update(zip(best.ids.tolist(), open_points, strict=True))
             whole = self._smoothed(self._owners(), self.online_trajectory, points)
-            for _ in range(READINGS):
-                owners = strays_reread(
-                    whole, whole.owners, history.bearings, history.sigmas, self.config
-                )
-                if owners is None:
-                    break
-                points = dict(zip(whole.numbers.tolist(), whole.points, strict=True))
-                whole = self._smoothed(owners, whole.poses, points)
-            self._whole_run = self.n_scans, whole
+            self._whole_run = (
+                self.n_scans,
+                in_hindsight(
+                    whole, self._smoothed_from, history.bearings, history.sigmas, self.config
+                ),
+            )
         return self._whole_run[1]
 
     @property
@@ -432,6 +427,10 @@ class MultiHypothesisSlam:
             dof=model.bearing_dof,
             landmark_sigma=model.landmark_sigma,
         )
+
+    def _smoothed_from(self, owners: Sequence[IntArray], start: WholeRun) -> WholeRun:
+        points = dict(zip(start.numbers.tolist(), start.points, strict=True))
+        return self._smoothed(owners, start.poses, points)
 
     def _owners(self) -> list[IntArray]:
         return self._history.owners_now(self._branches[0].owners)

@@ -44,6 +44,7 @@ class WholeRun:
     points : (n, 2).
     counts : (n,) detections of each.
     owners : for each scan the landmark of each detection, -1 for none, as they were given.
+    motion_error : half the squared errors of the steps, in deviations.
     graph, values : to go on in GTSAM; keys are x0, x1, ... and l of the landmark's place in
         `numbers`.
     """
@@ -53,6 +54,7 @@ class WholeRun:
     points: FloatArray
     counts: IntArray
     owners: tuple[IntArray, ...]
+    motion_error: float
     graph: gtsam.NonlinearFactorGraph
     values: gtsam.Values
 
@@ -106,10 +108,9 @@ def smooth_whole_run(
             fixed.push_back(factors.bearing(X(scan), L(i), bearing, sigma, dof))
     parameters = gtsam.LevenbergMarquardtParams.CeresDefaults()
     for _ in range(MAX_ROUNDS):
-        graph = gtsam.NonlinearFactorGraph(fixed)
         before = _poses(values, len(poses))
-        for factor in _step_factors(steps, before):
-            graph.push_back(factor)
+        graph = gtsam.NonlinearFactorGraph(fixed)
+        graph.push_back(_motion(steps, before))
         values = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
         after = _poses(values, len(poses))
         if all(step.kind in (ODOMETRY, STILL) for step in steps):
@@ -123,6 +124,7 @@ def smooth_whole_run(
         counts=np.array([len(row) for row in rows.values()], np.int64),
         points=np.array([values.atPoint2(L(i)) for i in range(len(rows))]).reshape(-1, 2),
         owners=tuple(owners),
+        motion_error=_motion(steps, _poses(values, len(poses))).error(values),
         graph=graph,
         values=values,
     )
@@ -131,6 +133,13 @@ def smooth_whole_run(
 def _poses(values: gtsam.Values, count: int) -> FloatArray:
     found = [values.atPose2(X(k)) for k in range(count)]
     return np.array([[p.x(), p.y(), p.theta()] for p in found]).reshape(-1, 3)
+
+
+def _motion(steps: Sequence[Step], poses: FloatArray) -> gtsam.NonlinearFactorGraph:
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in _step_factors(steps, poses):
+        graph.push_back(factor)
+    return graph
 
 
 def _step_factors(steps: Sequence[Step], poses: FloatArray) -> list[gtsam.NonlinearFactor]:
