@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from mht_slam.hypotheses import Ranking as Ranking
     from mht_slam.incremental.config import SlamConfig as SlamConfig
     from mht_slam.incremental.estimator import MultiHypothesisSlam as MultiHypothesisSlam
+    from mht_slam.incremental.fit_config import fit_slam_config as fit_slam_config
     from mht_slam.incremental.slam_map import SlamMap as SlamMap
     from mht_slam.measurements import BearingScan as BearingScan
     from mht_slam.measurements import Odometry as Odometry
@@ -87,6 +88,7 @@ _HOME = {
     "evidence_by_quadrature": "evidence.quadrature",
     "exchanges": "tracking.exchanges",
     "fit_observation_model": "fitting",
+    "fit_slam_config": "incremental.fit_config",
     "observability": "graph.observability",
     "order_changes": "tracking.zones",
     "rank": "polygon.ranking",

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 from scipy.special import logsumexp
@@ -19,6 +19,7 @@ from mht_slam.evidence.visibility import expected_detected, sightlines
 from mht_slam.graph.problem import make_problem
 from mht_slam.measurements import StraightRun
 from mht_slam.models import ObservationModel
+from mht_slam.parallel import ordered_map
 from mht_slam.progress import Progress
 from mht_slam.tree.branch import LostError, anew
 from mht_slam.tree.effort import Effort
@@ -240,7 +241,7 @@ class _Objective:
         solutions = state.solutions
         if solve:
             jobs = list(zip(self.runs, solutions, strict=True))
-            solutions = tuple(_in_order(self.executor, partial(_solve, model), jobs))
+            solutions = tuple(ordered_map(self.executor, partial(_solve, model), jobs))
         pairs = zip(self.runs, solutions, strict=True)
         return _State(model, solutions, sum(_log_evidence(model, *pair) for pair in pairs))
 
@@ -252,7 +253,7 @@ def _associate(
     executor: Executor | None,
 ) -> _Objective:
     """Grow every run's tree and solve its best associations; runs without any are left out."""
-    found = _in_order(executor, partial(_grow_and_solve, model, effort), list(runs))
+    found = list(ordered_map(executor, partial(_grow_and_solve, model, effort), runs))
     kept = [(run, some) for run, some in zip(runs, found, strict=True) if some]
     if not kept:
         raise OptionError("every run is lost under the model: start from wider parameters")
@@ -340,14 +341,14 @@ def _climb(objective: _Objective, state: _State, name: str, step: float) -> tupl
 
     Returns the best state met, and the parameter's standard error.
     """
-    low, high = (_free(name, bound) for bound in BOUNDS[name])
-    here = _free(name, getattr(state.model, name))
+    low, high = (free_value(name, bound) for bound in BOUNDS[name])
+    here = free_value(name, getattr(state.model, name))
     tried = {here: state}
 
     def evaluate(place: float) -> None:
         place = min(max(place, low), high)
         if place not in tried:
-            change: dict[str, Any] = {name: _bound(name, place)}
+            change: dict[str, Any] = {name: bounded_value(name, place)}
             model = replace(state.model, **change)
             tried[place] = objective.moved(state, model, solve=name not in OF_PATTERN)
 
@@ -373,29 +374,18 @@ def _climb(objective: _Objective, state: _State, name: str, step: float) -> tupl
     return tried[best()], error
 
 
-def _free(name: str, value: float) -> float:
+def free_value(name: str, value: float) -> float:
     """Log of a parameter, or log odds of a probability: what the search walks along."""
     return math.log(value / (1.0 - value)) if name in PROBABILITIES else math.log(value)
 
 
-def _bound(name: str, place: float) -> float:
-    """Undo `_free`, inside `BOUNDS` in spite of rounding."""
+def bounded_value(name: str, place: float) -> float:
+    """Undo `free_value`, inside `BOUNDS` in spite of rounding."""
     value = 1.0 / (1.0 + math.exp(-place)) if name in PROBABILITIES else math.exp(place)
     return min(max(value, BOUNDS[name][0]), BOUNDS[name][1])
 
 
 def _unit(name: str, place: float) -> float:
     """How much of the parameter a unit step of the search is."""
-    value = _bound(name, place)
+    value = bounded_value(name, place)
     return value * (1.0 - value) if name in PROBABILITIES else value
-
-
-Job = TypeVar("Job")
-Answer = TypeVar("Answer")
-
-
-def _in_order(
-    executor: Executor | None, function: Callable[[Job], Answer], jobs: Sequence[Job]
-) -> list[Answer]:
-    """Apply a function to all jobs; the answers come in the order of the jobs."""
-    return list(map(function, jobs) if executor is None else executor.map(function, jobs))

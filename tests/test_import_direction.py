@@ -54,7 +54,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "tracking": {*FOUNDATION, "consistency"},  # graph would bring GTSAM along
     "pipeline": {*FOUNDATION, *MAIN_JOB},
     "fitting": {*FOUNDATION, "evidence", "graph", "tree"},
-    "incremental": {*FOUNDATION, *MAIN_JOB, "presets"},
+    "incremental": {*FOUNDATION, *MAIN_JOB, "fitting", "presets"},
     # The bench draws scenes; ceilings and baselines read the drives of recordings.
     "evaluation": {*FOUNDATION, *MAIN_JOB, "incremental", "simulation", "datasets"},
     "plotting": {*FOUNDATION, *MAIN_JOB, "incremental", "evaluation", "vision"},

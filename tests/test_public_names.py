@@ -43,6 +43,7 @@ CONTRACT = [
     "evidence_by_quadrature",
     "exchanges",
     "fit_observation_model",
+    "fit_slam_config",
     "observability",
     "order_changes",
     "rank",

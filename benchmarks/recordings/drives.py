@@ -5,8 +5,8 @@
 
 Drives at even places of a set tune options, those at odd places are scored; a set of a single drive
 takes the options of another set (drive_sets.py). A method with several options gets the one of the
-greatest pooled F1 on the tuning half. Drives longer than two hundred scans are also looked at in
-parts of a hundred.
+greatest pooled F1 on the tuning half; with `--half scored` the others skip that half. Drives longer
+than two hundred scans are also looked at in parts of a hundred.
 
 Rows are added to rows.csv as they come; a second call does only what is missing there for the same
 code. A drive on which a method fails counts as without an answer.
@@ -79,6 +79,11 @@ METHODS = {
         multi_hypothesis.answer,
         multi_hypothesis.OPTIONS,
         ("multi_hypothesis", "mht_slam.incremental"),
+    ),
+    "multi-hypothesis, fitted": Method(
+        multi_hypothesis.answer,
+        multi_hypothesis.FITTED,
+        ("multi_hypothesis", "mht_slam.incremental", "mht_slam.fitting"),
     ),
 }
 SHARED_CODE = (
@@ -212,11 +217,12 @@ def code_of(method: str) -> str:
 
 
 def _tuning_jobs(options: argparse.Namespace) -> Iterator[Job]:
-    """Every option on the tuning half; a single option where the set itself is wanted."""
+    """Every option on the tuning half; a single option where that half itself is wanted."""
     for name in dict.fromkeys(TUNED_ON.get(name, name) for name in options.set):
         for method in options.method:
             choices = METHODS[method].options
-            if name in options.set or len(choices) > 1:
+            wanted = name in options.set and options.half != "scored"
+            if wanted or len(choices) > 1:
                 for option in choices:
                     yield from _jobs(name, "tuning", method, option, options.limit)
 
@@ -251,7 +257,7 @@ def _parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--set", nargs="+", choices=list(READERS), default=list(READERS))
     parser.add_argument("--method", nargs="+", choices=list(METHODS), default=list(METHODS))
-    parser.add_argument("--half", choices=("both", HALVES[0]), default="both")
+    parser.add_argument("--half", choices=("both", *HALVES), default="both")
     parser.add_argument("--limit", type=int, help="first N drives of each half only")
     return parser.parse_args(arguments)
 

@@ -10,13 +10,20 @@ from mht_slam.datasets import Drive
 from mht_slam.models import ObservationModel
 
 OPTIONS = ("10 hypotheses",)
+FITTED = ("10 hypotheses, fitted",)
 ONE = ("1 hypothesis",)
 """What tuning may choose from; each is handed to `answer` as it stands here."""
 
 
 def answer(drive: Drive, model: ObservationModel, option: str) -> Answer:
-    """Feed the scans one by one, and return the best hypothesis with its estimate."""
-    slam = ms.MultiHypothesisSlam(ms.SlamConfig(model=model, hypotheses=int(option.split()[0])))
+    """Feed the scans one by one, and return the best hypothesis with its estimate.
+
+    "fitted": under the model that is fitted to this very drive, without its labels.
+    """
+    config = ms.SlamConfig(model=model, hypotheses=int(option.split()[0]))
+    if option.endswith("fitted"):
+        config = ms.fit_slam_config([drive.scans], config).config
+    slam = ms.MultiHypothesisSlam(config)
     for scan in drive.scans:
         slam.update(scan)
     points = slam.map.points

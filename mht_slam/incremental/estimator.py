@@ -32,6 +32,7 @@ from mht_slam.incremental.live import live_posterior, marginal_owners
 from mht_slam.incremental.monitor import FRESH, TORN, Monitor, opened
 from mht_slam.incremental.motion_terms import ODOMETRY, STILL
 from mht_slam.incremental.past import Committed, nothing_committed, points_of
+from mht_slam.incremental.run_evidence import log_run_evidence
 from mht_slam.incremental.slam_map import SlamMap
 from mht_slam.incremental.steps import Step, frame_step, next_step, propose
 from mht_slam.incremental.whole_run import WholeRun, smooth_whole_run
@@ -201,6 +202,15 @@ class MultiHypothesisSlam:
                 ),
             )
         return self._whole_run[1]
+
+    @property
+    def log_evidence(self) -> float:
+        """Log evidence of the whole run, as it is read in hindsight (`log_run_evidence`).
+
+        What models of the same scans are compared by, where their motion and noise are the same.
+        """
+        history = self._history
+        return log_run_evidence(self.whole_run, history.bearings, history.sigmas, self.config)
 
     @property
     def online_trajectory(self) -> FloatArray:

@@ -28,11 +28,14 @@ def log_run_evidence(
 ) -> float:
     """Log evidence of the owners of a smoothed run, poses at their best, places integrated out.
 
-        - 1/2 |steps|^2 + sum_alone ln w + sum_landmarks [ W(scans) + ln int p0(x) prod t(z; x) dx ]
+        - 1/2 |steps|^2 - mu
+        + sum_alone ln w + sum_landmarks [ ln W(scans) + ln int p0(x) prod t(z; x) dx ]
 
-    W and w as in `Sightings`. The integral is Laplace's, in direction and log range from the first
-    pose that sees the landmark, and numerical (`log_sightings`) where the range is badly known.
-    Poses are not integrated out: two readings of one run have as many, and about as sure.
+    W, w and the expected number mu of first sightings and false alarms as in `Sightings`. The
+    integral is Laplace's, in direction and log range from the first pose that sees the landmark,
+    and numerical (`log_sightings`) where the range is badly known. Poses are not integrated out:
+    two readings of one run have as many, and about as sure. So models with one motion and one noise
+    of bearings are compared, too.
 
     Parameters
     ----------
@@ -46,7 +49,7 @@ def log_run_evidence(
     points = dict(zip(whole.numbers.tolist(), whole.points, strict=True))
     mapped = {number: places for number, places in seen.items() if number in points}
     n_seen = np.zeros(len(bearings), np.int64)
-    total = -whole.motion_error
+    total = -whole.motion_error - sightings.expected(len(bearings))
     for number, places in mapped.items():
         scans = [scan for scan, _ in places]
         n_seen[scans] += 1

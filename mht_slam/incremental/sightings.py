@@ -58,6 +58,8 @@ class Sightings:
         model = config.observation_model
         self._weights = Weights.of(config)
         self._lag = config.lag
+        assert model.false_alarm_rate is not None  # noqa: S101 - checked by the configuration
+        self._false_alarms = model.false_alarm_rate * model.field_of_view
         chance = model.detection_probability
         assert chance is not None  # noqa: S101 - checked by the configuration
         self._chances = chance, model.stay_probability, config.return_probability
@@ -75,6 +77,14 @@ class Sightings:
     def alone(self, scan: int) -> float:
         """Log weight, per radian, of a detection on its own."""
         return self._weights.alone(scan)
+
+    def expected(self, n_scans: int) -> float:
+        """Expected number of first sightings and false alarms: the exponent of Poisson counts.
+
+        The same for all associations of a run, but not under all models.
+        """
+        new = sum(math.exp(self._weights.landmark(scan)) for scan in range(n_scans))
+        return new + self._false_alarms * n_scans
 
     def log_weight(self, number: int, scans: Sequence[int]) -> float:
         """Log weight of a landmark seen in these scans, increasing, and in no others.

@@ -49,9 +49,11 @@ def run_study(
 ) -> Callable[..., list[dict[str, str]]]:
     """Run it with a method under test; return its rows."""
 
-    def call(answer: Callable[..., Any], options: tuple[str, ...] = ("",)) -> list[dict[str, str]]:
+    def call(
+        answer: Callable[..., Any], options: tuple[str, ...] = ("",), *more: str
+    ) -> list[dict[str, str]]:
         monkeypatch.setitem(study.METHODS, "tested", study.Method(answer, options, ()))
-        arguments = ["--output", str(tmp_path), "--set", "loop", "--method", "tested"]
+        arguments = ["--output", str(tmp_path), "--set", "loop", "--method", "tested", *more]
         assert study.main(arguments) == 0
         with (tmp_path / "rows.csv").open(newline="", encoding="utf-8") as file:
             return list(csv.DictReader(file))
@@ -71,6 +73,20 @@ def test_the_option_of_the_tuning_half_answers_the_scored_half(
     assert tuned == {(f"loop {i}", option) for i in (0, 2) for option in ("bad", "good")}
     scored = {(row["drive"], row["option"]) for row in rows if row["half"] == "scored"}
     assert scored == {("loop 1", "good"), ("loop 3", "good")}
+
+
+def test_the_scored_half_alone_is_enough_where_there_is_nothing_to_tune(
+    study: ModuleType, run_study: Callable[..., Any]
+) -> None:
+    def answer(_drive: Drive, _model: object, _option: str) -> Any:
+        return study.Answer(None)
+
+    rows = run_study(answer, ("",), "--half", "scored")
+    assert {(row["drive"], row["half"]) for row in rows} == {
+        (f"loop {i}", "scored") for i in (1, 3)
+    }
+    tuned = run_study(answer, ("one", "other"), "--half", "scored")
+    assert sum(row["half"] == "tuning" for row in tuned) == 4
 
 
 def test_a_method_that_throws_has_failed_the_drive_and_one_without_data_has_not(

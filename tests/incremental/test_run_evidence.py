@@ -30,6 +30,9 @@ def written_out(row: Row, whole: WholeRun) -> float:
         error = np.array([c * x + s * y - 1.0, c * y - s * x, after[2] - before[2]])
         # The error of a pose is taken in the frame of the step's end, here nearly the same.
         total -= 0.5 * float((error**2 / [1e-4, 1e-4, 1e-5]).sum())
+    new = model.expected_landmarks * model.detection_probability  # type: ignore[operator]
+    total -= new + 11 * new * (1.0 - model.stay_probability)
+    total -= 12 * model.false_alarm_rate * 2.0 * np.pi  # type: ignore[operator]
     sightings = Sightings(whole, row.config)
     for number, places in sightings_of(whole.owners).items():
         scans = [scan for scan, _ in places]
