@@ -91,6 +91,9 @@ class Slam:
     file: tyro.conf.Positional[Path]
     """Scan file: JSON lines (.jsonl, .json) or CSV (.csv); - reads JSON lines from a pipe."""
     estimator: Estimator = field(default_factory=EstimatorOptions)
+    fit: bool = False
+    """Before anything else, fit to the file what is assumed of landmarks and detections, by the
+    evidence of the whole run: for the time of four to eight runs."""
     strict: bool = False
     """End at the first line that is rejected, with exit code 2."""
     checkpoint: Path | None = None
@@ -207,6 +210,8 @@ class Slam:
         from mht_slam.incremental.estimator import MultiHypothesisSlam
 
         config = self.estimator.config()
+        if self.fit:
+            config = self._fitted(config)
         if self.resume is None:
             return MultiHypothesisSlam(config), []
         slam = MultiHypothesisSlam.load(self.resume)
@@ -221,6 +226,15 @@ class Slam:
             for bearings, time in zip(history.bearings, history.times, strict=True)
         ]
         return slam, known
+
+    def _fitted(self, config: SlamConfig) -> SlamConfig:
+        from mht_slam.cli.slam_fit import fitted_to
+
+        if self.file == PIPE:
+            raise OptionError("fit: a pipe can be read only once: give a file")
+        if self.resume is not None:
+            raise OptionError("fit and resume are given: a checkpoint has its model, leave out fit")
+        return fitted_to(self.file, config)
 
     @contextmanager
     def _stream(self) -> Iterator[ScanStream]:

@@ -21,6 +21,7 @@ from mht_slam.association import Association
 from mht_slam.cli.main import main
 from mht_slam.datasets import read_scans, write_scans
 from mht_slam.incremental.estimator import MultiHypothesisSlam
+from mht_slam.presets import panoramic_robot
 from mht_slam.simulation.drives import OdometryNoise, simulate_drive
 
 SCRIPT = [sys.executable, "-c", "import sys; from mht_slam.cli.main import main; sys.exit(main())"]
@@ -402,6 +403,8 @@ def test_a_full_disk_under_a_checkpoint_leaves_the_one_before(
         ('{"bearings_deg": [1]}\n', ["--lag", "0"], "lag"),
         ('{"bearings_deg": [1]}\n', ["--checkpoint", "/no/such/folder/c"], "is no folder"),
         ('{"bearings_deg": [1]}\n', ["--resume", "absent"], "absent"),
+        ('{"bearings_deg": [1]}\n', ["--fit", "--resume", "absent"], "leave out fit"),
+        ("not json\n", ["--fit"], "no scan could be used"),
     ],
 )
 def test_what_cannot_be_run_is_one_line_and_leaves_no_results(
@@ -419,6 +422,28 @@ def test_what_cannot_be_run_is_one_line_and_leaves_no_results(
     assert error.count("\n") == 1
     assert said in error
     assert not list((tmp_path / "runs").glob("*"))
+
+
+def test_a_fitted_run_says_what_it_found_and_judges_by_it(
+    scan_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoilt = tmp_path / "scans.jsonl"
+    lines = scan_file.read_text().splitlines()
+    spoilt.write_text("\n".join([*lines[:9], "not json", lines[3], *lines[9:]]))
+    options = [*MODEL, "--hypotheses", "2", "--start-hypotheses", "5", "--fit"]
+    assert run(str(spoilt), *options, "--output", str(tmp_path / "runs")) == 0
+    said = capsys.readouterr()
+    assert len(said.out.splitlines()) == N_SCANS
+    model = results(tmp_path / "runs" / "latest")["model"]
+    (fitted,) = (line for line in said.err.splitlines() if line.startswith("Fitted in "))
+    for name in ("landmark_sigma", "stay_probability"):
+        assert f"{name} {model[name]:.3g}" in fitted
+    assert model["landmark_sigma"] != panoramic_robot().landmark_sigma
+
+
+def test_a_pipe_cannot_be_fitted_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("-", "--fit", "--output", str(tmp_path / "runs")) == 2
+    assert "a pipe can be read only once: give a file" in capsys.readouterr().err
 
 
 def test_one_scan_is_a_run_too_and_csv_is_read(
