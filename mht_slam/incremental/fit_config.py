@@ -92,8 +92,8 @@ def fit_slam_config(
     executor : runs drives in parallel; the result does not depend on it.
     progress : called as ``progress(done, total)``, in runs of a drive.
 
-    Raises `OptionError` without drives, for drives without scans, and where no model has a
-    solution; `MeasurementError` for scans that the estimator refuses.
+    Raises `OptionError` without drives, for drives without scans or that are none, and where no
+    model has a solution; `MeasurementError` for scans that the estimator refuses.
 
     Source: docs/incremental.md; for the maximisation with associations held, M. Kearns, Y. Mansour,
     A. Ng, "An Information-Theoretic Analysis of Hard and Soft Assignment Methods for Clustering",
@@ -103,8 +103,15 @@ def fit_slam_config(
     if not drives:
         raise OptionError("there are no drives: give at least one to fit to")
     for i, scans in enumerate(drives):
-        if not len(scans):
+        if isinstance(scans, BearingScan) or not isinstance(scans, Sequence):
+            raise OptionError(
+                f"drives[{i}] is {type(scans).__name__}: give a sequence of drives, each a "
+                "sequence of scans, [scans] for one drive"
+            )
+        if not scans:
             raise OptionError(f"drives[{i}] has no scans: leave it out")
+    if not isinstance(start, SlamConfig):
+        raise OptionError(f"start is {start!r}: give a SlamConfig")
     model = start.observation_model
     total = (len(STARTS) + rounds) * len(drives)
     trials: list[Trial] = []

@@ -142,3 +142,12 @@ def test_nothing_to_fit_to_is_refused() -> None:
         fit_slam_config([yard(1, 10), []], WIDE)
     with pytest.raises(OptionError, match="rounds"):
         fit_slam_config([yard(1, 10)], WIDE, rounds=-1)
+
+
+def test_what_is_no_drive_and_no_configuration_is_refused() -> None:
+    with pytest.raises(OptionError, match=r"drives\[0\] is BearingScan: .* \[scans\] for one"):
+        fit_slam_config(yard(1, 10), WIDE)  # type: ignore[arg-type]
+    with pytest.raises(OptionError, match=r"drives\[1\] is int"):
+        fit_slam_config([yard(1, 10), 3], WIDE)  # type: ignore[list-item]
+    with pytest.raises(OptionError, match="start is 3: give a SlamConfig"):
+        fit_slam_config([yard(1, 10)], 3)  # type: ignore[arg-type]
