@@ -85,6 +85,16 @@ METHODS = {
         multi_hypothesis.FITTED,
         ("multi_hypothesis", "mht_slam.incremental", "mht_slam.fitting"),
     ),
+    "multi-hypothesis, drawn anew": Method(
+        multi_hypothesis.answer,
+        multi_hypothesis.ANEW,
+        ("multi_hypothesis", "mht_slam.incremental"),
+    ),
+    "multi-hypothesis, fitted and drawn anew": Method(
+        multi_hypothesis.answer,
+        multi_hypothesis.FITTED_ANEW,
+        ("multi_hypothesis", "mht_slam.incremental", "mht_slam.fitting"),
+    ),
 }
 SHARED_CODE = (
     "drive_sets",

@@ -61,6 +61,8 @@ class EstimatorOptions:
     """Nats of evidence that make one landmark of two in one place."""
     loop_scans: int = SlamConfig.loop_scans
     """Scans over which that evidence is gathered."""
+    remaps: int = SlamConfig.remaps
+    """At the end, maps drawn anew from all scans at once; the likeliest is kept."""
 
     def config(self) -> SlamConfig:
         """Return the estimator's configuration; raises `OptionError`."""

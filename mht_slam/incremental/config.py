@@ -67,6 +67,9 @@ class SlamConfig:
     """Scans over which that evidence is gathered: how long a landmark counts as new."""
     loop_every: int = 10
     """Scans between two looks for loops."""
+    remaps: int = 0
+    """Maps drawn anew in hindsight, from all scans at once: for a yard so full that a start scan
+    after scan fails. Each costs about what reading the run in hindsight does."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, ObservationModel):
@@ -82,6 +85,7 @@ class SlamConfig:
             whole_number(getattr(self, name), name, at_least=1)
         for name in ("active", "most_landmarks", "loop_scans", "loop_every"):
             whole_number(getattr(self, name), name, at_least=1)
+        whole_number(self.remaps, "remaps", at_least=0)
         finite_number(self.drop, "drop", above=0.0)
         finite_number(self.return_probability, "return_probability", above=0.0, below=1.0)
         for name in ("settled", "familiar", "loop_odds", "twin_odds"):

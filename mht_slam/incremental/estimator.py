@@ -26,7 +26,7 @@ from mht_slam.incremental.branch import (
 )
 from mht_slam.incremental.config import SlamConfig
 from mht_slam.incremental.doubts import trusted
-from mht_slam.incremental.hindsight import in_hindsight
+from mht_slam.incremental.hindsight import drawn_anew, in_hindsight
 from mht_slam.incremental.history import History, association_of
 from mht_slam.incremental.live import live_posterior, marginal_owners
 from mht_slam.incremental.monitor import FRESH, TORN, Monitor, opened
@@ -195,12 +195,11 @@ class MultiHypothesisSlam:
             open_points = points_of(best.places, best.centres)
             points.update(zip(best.ids.tolist(), open_points, strict=True))
             whole = self._smoothed(self._owners(), self.online_trajectory, points)
-            self._whole_run = (
-                self.n_scans,
-                in_hindsight(
-                    whole, self._smoothed_from, history.bearings, history.sigmas, self.config
-                ),
-            )
+            scans = history.bearings, history.sigmas, self.config
+            whole = in_hindsight(whole, self._smoothed_from, *scans)
+            if self.config.remaps:
+                whole = drawn_anew(whole, self._smoothed_from, history.steps, *scans)
+            self._whole_run = self.n_scans, whole
         return self._whole_run[1]
 
     @property

@@ -101,6 +101,7 @@ def configs(draw: st.DrawFn) -> dict[str, Any]:
         "loop_every": draw(st.sampled_from([1, 10])),
         "twin_odds": draw(mostly(1.0, 1e-9, 1e9)),
         "most_landmarks": draw(st.sampled_from([1, 2, 1000])),
+        "remaps": draw(st.sampled_from([0, 0, 0, 2])),
     }
 
 
@@ -224,7 +225,7 @@ def check_belief(slam: ms.MultiHypothesisSlam, posterior: ms.Posterior) -> None:
     name=st.sampled_from(
         ["hypotheses", "lag", "ranked", "depth", "pair_within", "active", "loop_scans",
          "loop_every", "drop", "return_probability", "settled", "familiar", "loop_odds", "sight",
-         "motion", "model"]
+         "remaps", "motion", "model"]
     ),
     value=st.one_of(
         st.floats(), st.integers(-3, 3),

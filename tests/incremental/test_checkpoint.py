@@ -236,7 +236,7 @@ def test_every_option_comes_back(tmp_path: Path) -> None:
     config = ms.SlamConfig(
         motion="odometry", hypotheses=3, lag=2, drop=7.5, ranked=1, depth=2, pair_within=3,
         return_probability=0.03, sight=12.0, settled=0.2, active=5, familiar=0.4, loop_odds=7.0,
-        loop_scans=9, loop_every=4,
+        loop_scans=9, loop_every=4, remaps=2,
         model=ms.ObservationModel(
             sigma=math.radians(0.3), bearing_dof=5.0, landmark_centre=(1.5, -2.0),
             detection_probability=0.7, false_alarm_rate=0.2, expected_landmarks=3.0,
